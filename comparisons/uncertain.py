@@ -7,20 +7,20 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 ERROR_DIGITS = 2
-"""Of an error the size matters."""
+"""Digits of a printed error: its size matters."""
 _NEGLIGIBLE = 0.05
-"""An uncertainty below this part of its number does not change the number's second digit by more than one, and is not printed."""
+"""Largest uncertainty, as a part of its number, that is not printed: it changes the second digit by one at most."""
 
 
 @dataclass(frozen=True)
 class Uncertain:
-    """A number and how far it may be off, in the same unit."""
+    """A number and a bound of its error, in the same unit."""
 
     value: float
     uncertainty: float
 
     def __str__(self) -> str:
-        """``< u`` where the number is not larger than its uncertainty: all that is known is what both together do not exceed."""
+        """``< u`` where the number is not larger than its uncertainty: only the bound of their sum is known."""
         size = abs(self.value)
         if 0 < self.uncertainty >= size:
             return f"< {rounded_up(size + self.uncertainty)}"
@@ -29,18 +29,23 @@ class Uncertain:
         return self.both()
 
     def both(self) -> str:
-        """``0.145 ± 0.018``, ``1.23 ± 0.09``: both end at the same decimal; the uncertainty has two digits up to 35, one from there on (rule of the Particle Data Group).
-        The number alone where nothing is known of its uncertainty, or there is none."""
+        """``0.145 ± 0.018``, ``1.23 ± 0.09``: both end at the same decimal.
+
+        The uncertainty has two digits up to 35, one from there on (rule of the Particle Data Group). The number stands
+        alone where its uncertainty is zero or unknown.
+        """
         if not self.uncertainty > 0:
             return plain(f"{self.value:.{ERROR_DIGITS}g}")
         size = max(abs(self.value), self.uncertainty)
         unsure = rounded_up(self.uncertainty, 2 if float(f"{self.uncertainty:.2e}"[:4]) < 3.55 else 1)
         last = Decimal(unsure).as_tuple().exponent
-        return (f"{self.value:z.{max(-last, 0)}f}" if 1e-4 <= size < 1e6 else f"{self.value:.{max(math.floor(math.log10(size)) - last, 0)}e}") + f" ± {unsure}"
+        if 1e-4 <= size < 1e6:
+            return f"{self.value:z.{max(-last, 0)}f} ± {unsure}"
+        return f"{self.value:.{max(math.floor(math.log10(size)) - last, 0)}e} ± {unsure}"
 
 
 def rounded_up(value: float, digits: int = 2) -> str:
-    """Rounded up to so many digits, so that a bound stays one; zeros at the end are left out."""
+    """Round up to so many digits, so that a bound stays one; zeros at the end are left out."""
     if value <= 0:
         return "0"
     unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)

@@ -10,46 +10,48 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.measures.distances import Distance, Graph, hausdorff, l1, match_events, sup_at, value_at
+from stiction.comparisons.measures.distances import Graph, hausdorff, l1, match_events, sup_at, value_at
 from stiction.comparisons.truth import NO_TRUTH, Truth
+from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import Record
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import Scene, Trajectory
+from stiction.scenes import Event, Scene, Trajectory
 
 EVENT_WINDOW = 0.05
-"""Seconds within which a found event is taken for a true one of the same kind; further away it is missed and spurious."""
+"""Seconds within which a found event matches a true one of the same kind; otherwise both count, missed and spurious."""
 
 KINDS = ("slip", "stick", "reversal", "corner")
-"""Of events."""
+"""Kinds of events."""
 
 TORQUE_ERROR = "torque error, L1 mean [N m]"
 WRONG = "wrong"
-"""Status of a run whose position error exceeds the size of the mechanism: it came out, but it is no approximation of the motion. Its row has
-that error as the reason and no numbers, so that nothing is fitted to it or ranked by it."""
+"""Status of a run whose position error exceeds the size of the mechanism: it succeeded, but does not approximate the
+motion. Its row has that error as the reason and no numbers, so that nothing is fitted to it or ranked by it."""
 
 
 def size_of(scene: Scene) -> float:
-    """Length of a mechanism in metres: the largest extent of points, positions and sliders that the scene declares."""
+    """Return the largest extent of points, positions and sliders that the scene declares, m."""
     return Mechanism(scene, stabilization="none").arrays.length_scale
 
 
 def accuracy_table(records: Iterable[Record], errors_of: Callable[[Record], Mapping[str, Any]]) -> pd.DataFrame:
-    """One row per run, failures included: what it is, its `errors`, and what they were measured against."""
+    """Return one row per run, failures included: its description, its `errors`, and the truth they refer to."""
     return pd.DataFrame([{**record.describe(), **errors_of(record)} for record in records])
 
 
 def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) -> dict[str, Any]:
-    """Errors of one run; empty values where there is no run, or no truth (`truth note` says why).
+    """Return the errors of one run; empty values where there is no run, or no truth (`truth note` says why).
+
+    Position and velocity errors are the largest over all bodies and output times (both are continuous). The efforts of
+    drives jump: their error is the mean of |error| over time, and the Hausdorff distance of the graphs, time in
+    seconds, effort in units of its range. They are empty where guides at rest leave an effort open. The time covered
+    is stated, also of a run that ended early.
 
     Parameters
     ----------
     size
-        Of the mechanism, m, see `size_of`. Where the position error exceeds it, and the largest coordinate that the true motion reaches, the row
-        has the ``status`` `WRONG` and the error as its ``reason``, for those of `Record.describe`.
-
-    Position and velocity errors are the largest over all bodies and output times (both are continuous). The efforts of
-    drives jump, so that their error is the mean of |error| over time and, apart from it, the Hausdorff distance of the
-    graphs, time in seconds, effort in units of its range; they are empty where guides at rest leave an effort open. The time covered is stated, a run that ended early included.
+        Of the mechanism, m, see `size_of`. A position error above it, and above the largest coordinate of the true
+        motion, gives the row the ``status`` `WRONG` and the error as its ``reason``, for those of `Record.describe`.
     """
     row: dict[str, Any] = {"truth": truth.scene, "truth tier": truth.tier, "truth note": truth.note}
     if trajectory is None or len(trajectory.t) < 2 or truth.tier == NO_TRUTH:
@@ -60,54 +62,61 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
     for label, suffixes, unit in (("position", ("x", "y"), "m"), ("velocity", ("vx", "vy"), "m/s")):
         names = [name for name in exact if name.rpartition(".")[2] in suffixes and name in trajectory]
         if names:
-            unsure = max(truth.uncertainty.get(name, 0.0) for name in names)
             error = max(sup_at(t, trajectory[name], exact[name]).value for name in names)
             reach = max(size, *(float(np.max(np.abs(exact[name]))) for name in names))
             if label == "position" and not error <= reach:
                 stopped = "" if trajectory.termination == "end" else f"; {trajectory.termination}"
-                return {**row, "status": WRONG, "reason": f"position error {error:.2g} m, where the mechanism and its motion measure {reach:.2g} m{stopped}"}
+                return {**row, "status": WRONG, "reason": f"position error {error:.2g} m, where the mechanism and its "
+                                                          f"motion measure {reach:.2g} m{stopped}"}
             row[f"{label} error [{unit}]"] = error
-            row[f"{label} uncertainty [{unit}]"] = unsure
-    for name in [name for name in exact if name.endswith(".effort") and is_known(trajectory, name)]:
-        # one drive in the paper's example; with several the worst counts
-        found, true = graph(trajectory, name), truth_graph(truth, name, t)
-        mean = effort_error(trajectory, truth, name)
-        scale = float(np.ptp(true.values)) or 1.0
-        if not mean.value <= row.get(TORQUE_ERROR, -1.0):
-            apart = hausdorff(found, true, 1.0, scale)
-            row |= {TORQUE_ERROR: mean.value, "torque uncertainty [N m]": mean.uncertainty,
-                    "torque Hausdorff distance [-]": apart.value, "torque Hausdorff uncertainty [-]": apart.uncertainty}
-    if trajectory.events or (truth.events and trajectory.engine == "reference"):
-        row |= _events(trajectory, truth)
-    return row
+            row[f"{label} uncertainty [{unit}]"] = max(truth.uncertainty.get(name, 0.0) for name in names)
+    return row | _effort_errors(trajectory, truth, exact) | _event_errors(trajectory, truth)
+
+
+def _effort_errors(trajectory: Trajectory, truth: Truth, exact: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Errors of the effort with the largest mean error."""
+    efforts = [name for name in exact if name.endswith(".effort") and is_known(trajectory, name)]
+    means = {name: effort_error(trajectory, truth, name) for name in efforts}
+    if not means:
+        return {}
+    name, mean = max(means.items(), key=lambda item: item[1].value)
+    true = truth_graph(truth, name, trajectory.t)
+    distance = hausdorff(graph(trajectory, name), true, 1.0, float(np.ptp(true.values)) or 1.0)
+    return {TORQUE_ERROR: mean.value, "torque uncertainty [N m]": mean.uncertainty,
+            "torque Hausdorff distance [-]": distance.value, "torque Hausdorff uncertainty [-]": distance.uncertainty}
 
 
 def missed(kind: str) -> str:
-    """Column of the events of a kind that a run does not have."""
+    """Return the name of the column of the events of a kind that a run does not have."""
     return f"{kind} events missed"
 
 
-def _events(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
-    """How the events of a run compare with all those of the truth: nobody is excused from a kind because it locates none of it."""
+def _event_errors(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
+    """Compare the events of a run that locates events with all those of the truth, whichever kinds it locates."""
+    if not trajectory.events and not (truth.events and trajectory.engine == "reference"):
+        return {}
     true = [event for event in truth.events if event.time <= trajectory.t[-1]]
-    matched = match_events(true, [event for event in trajectory.events if truth.guides is None or event.joint in truth.guides], EVENT_WINDOW, truth.uncertainty.get("event time", 0.0))
-    lost, there = Counter(event.kind for event in matched.missed), {event.kind for event in true}
-    return {"event time error [s]": matched.time_error.value, "event time uncertainty [s]": matched.time_error.uncertainty,
-            "events matched": len(matched.matched), "events missed": len(matched.missed), "events spurious": len(matched.spurious),
-            **{missed(kind): lost[kind] for kind in KINDS if kind in there}}
+    found = [event for event in trajectory.events if truth.guides is None or event.joint in truth.guides]
+    matched = match_events(true, found, EVENT_WINDOW, truth.uncertainty.get("event time", 0.0))
+    absent, kinds = Counter(event.kind for event in matched.missed), {event.kind for event in true}
+    return {"event time error [s]": matched.time_error.value,
+            "event time uncertainty [s]": matched.time_error.uncertainty,
+            "events matched": len(matched.matched), "events missed": len(matched.missed),
+            "events spurious": len(matched.spurious), **{missed(kind): absent[kind] for kind in KINDS if kind in kinds}}
 
 
-def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Distance:
-    """Mean of the effort's |error| over time, from the method's own values.
+def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Uncertain:
+    """Return the mean of the effort's |error| over time, from the method's own values.
 
-    Values are compared at the instants of the run and on both sides of its events, where they are its own. Between them the error is
-    interpolated, not the effort, so that the result depends on the output instants as little as the error is curved. At an event of the
-    truth the error of a run that locates events jumps by the truth's jump. Where within an output interval a run without located events
-    jumps is not known: there the uncertainty has the truth's jump over the whole interval.
+    Values are compared at the instants of the run and on both sides of its events, where they are its own. Between
+    them the error is interpolated, not the effort, so that the result depends on the output instants as little as the
+    error is curved. At an event of the truth the error of a run that locates events jumps by the truth's jump. Where
+    within an output interval a run without located events jumps is not known: there the uncertainty has the truth's
+    jump over the whole interval.
     """
     found = graph(trajectory, name)
     t, error = found.t, found.values - truth(found.t)[name]
-    inner = [event for event in truth.events if t[0] < event.time < t[-1] and name in event.before]
+    inner = [event for event in _inside(truth, t) if name in event.before]
     times, jumps = np.array([event.time for event in inner]), np.array([event.jump(name) for event in inner])
     unsure = 0.0
     if not has_two_sided_events(trajectory):
@@ -117,34 +126,43 @@ def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Distance:
         passed = np.cumsum(jumps)
         smooth = Graph(t, error + np.append(0.0, passed)[np.searchsorted(times, t, side="right")])
         left = value_at(smooth, times, "before")
-        order = np.argsort(np.concatenate([times, times, t]), kind="stable")
-        t, error = (np.concatenate(parts)[order] for parts in ((times, times, t), (left - passed + jumps, left - passed, error)))
+        t, error = _in_order((times, left - passed + jumps), (times, left - passed), (t, error))
     mean = l1(Graph(t, error), Graph(t[[0, -1]], np.zeros(2)))
     span = t[-1] - t[0]
-    return Distance(mean.value / span, (mean.uncertainty + unsure) / span + truth.uncertainty.get(name, 0.0))
+    return Uncertain(mean.value / span, (mean.uncertainty + unsure) / span + truth.uncertainty.get(name, 0.0))
 
 
 def graph(trajectory: Trajectory, column: str) -> Graph:
-    """A column over time, jumps at located events as vertical lines."""
+    """Return a column over time, jumps at located events as vertical lines."""
     frame = trajectory.to_frame(events=has_two_sided_events(trajectory))
     return Graph(frame["t"].to_numpy(), frame[column].to_numpy())
 
 
 def is_known(trajectory: Trajectory, column: str) -> bool:
-    """Whether a run has a column, and values of it throughout: forces that guides at rest leave open are nan."""
+    """Check that a run has a column throughout: forces that guides at rest leave open are nan."""
     return column in trajectory and not np.isnan(trajectory[column]).any()
 
 
 def has_two_sided_events(trajectory: Trajectory) -> bool:
-    """Whether there are events, and they carry the values from both sides of the instant."""
+    """Check that there are events, and that they carry the values from both sides of the instant."""
     return bool(trajectory.events) and all(event.before and event.after for event in trajectory.events)
 
 
 def truth_graph(truth: Truth, column: str, t: np.ndarray) -> Graph:
-    """The truth at times t, with both values at its events."""
-    inner = [event for event in truth.events if t[0] < event.time < t[-1]]
-    times = np.concatenate([t, [event.time for event in inner], [event.time for event in inner]])
-    values = np.concatenate([truth(t)[column], [event.before[column] for event in inner],
-                             [event.after[column] for event in inner]])
+    """Return the truth at times t, with both values at its events."""
+    inner = _inside(truth, t)
+    times = [event.time for event in inner]
+    return Graph(*_in_order((t, truth(t)[column]), (times, [event.before[column] for event in inner]),
+                            (times, [event.after[column] for event in inner])))
+
+
+def _inside(truth: Truth, t: np.ndarray) -> list[Event]:
+    """Events of the truth between the first and the last of some times."""
+    return [event for event in truth.events if t[0] < event.time < t[-1]]
+
+
+def _in_order(*parts: tuple[Any, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Times and values of several parts in order of time; where times are equal, in that of the parts."""
+    times, values = map(np.concatenate, zip(*parts))
     order = np.argsort(times, kind="stable")
-    return Graph(times[order], values[order])
+    return times[order], values[order]

@@ -1,11 +1,12 @@
 """Quantities that the paper's sentences are about, each with the margin by which a sentence holds.
 
-A quantity is taken of stretches of motion and ends in one of six predicates, which give the margin, positive where the
-sentence holds: `below`, `above`, `all_of`, `as_said`, `sticks` and `slips`.
+A quantity is taken of stretches of motion and ends in one of four predicates, which give the margin, positive where the
+sentence holds: `below`, `above`, `all_of` and `as_said`.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -22,9 +23,9 @@ LINE = 1 / 500
 The paper shows by figures that the motion repeats itself; a smaller change per period could not be seen in them.
 """
 AMPLITUDES = (0.1, 0.5, 0.99, 1.01, 2.0)
-"""Multiples of the threshold on F0: up to 10 times and twice, and as near as 1 %.
+"""Multiples of the threshold on F0: from a tenth of it to twice, and as near as 1 %.
 
-That is some hundred times the uncertainty of the scheme's threshold at 1 ms.
+The latter is some hundred times the uncertainty of the scheme's threshold at 1 ms.
 """
 STILL = 1e-9
 """Part of their largest values that rounding leaves of velocity and acceleration in a stick phase."""
@@ -35,7 +36,7 @@ ADJACENT, OPPOSITE = ("1+2", "3+4"), ("1+3", "2+4")
 
 @dataclass(frozen=True)
 class Finding:
-    """A margin, positive where the claim holds, and what was found; `some`: a part of what the claim is about is so."""
+    """A margin, positive where the claim holds, and the finding in words; `some`: it holds of a part of its subject."""
 
     margin: float
     words: str
@@ -48,38 +49,38 @@ class Finding:
 
 @dataclass(frozen=True)
 class Example:
-    """The paper's cases, the stretch of the motion of each scene that is looked at, and the threshold of case 1."""
+    """The paper's cases, the threshold of case 1, and the stretch of a scene's motion on which claims are measured."""
 
     cases: Mapping[int, Scene]
     threshold: StickThreshold
     stretch_of: Callable[[Scene], Stretch]
 
     def stretch(self, case: int, **parameters: float) -> Stretch:
-        """The motion of a case, with other values of some parameters."""
+        """Return the motion of a case, with other values of some parameters."""
         return self.stretch_of(vary(self.cases[case], parameters) if parameters else self.cases[case])
 
     def with_parameter(self, name: str, case: int, other: int) -> Stretch:
-        """The motion of a case with a parameter as in another one."""
+        """Return the motion of a case with a parameter as in another one."""
         return self.stretch(case, **{name: self.cases[other].parameters[name]})
 
 
 def below(value: float, limit: float, words: str) -> Finding:
-    """A value less than a limit."""
+    """Judge a value that is to be less than a limit."""
     return Finding(limit - value, words)
 
 
 def above(values: Sequence[float], limit: float, words: str) -> Finding:
-    """Values that all exceed a limit."""
+    """Judge values that are all to exceed a limit."""
     return Finding(min(values) - limit, words, max(values) > limit)
 
 
 def all_of(so: Sequence[bool], words: str) -> Finding:
-    """Something that is so each time; the margin is half a time where it is."""
+    """Judge a statement that is to hold each time; the margin is half a time where it does."""
     return Finding(sum(so) / len(so) - 1 + 1 / (2 * len(so)), words, any(so))
 
 
 def as_said(so: bool, sizes: Sequence[float], words: str, some: bool = False) -> Finding:
-    """A statement that is so or not; the smallest of the sizes that make it so."""
+    """Judge a statement by the smallest of the sizes that make it hold."""
     return Finding(min(sizes) if so else -1.0, words, some)
 
 
@@ -124,7 +125,7 @@ def periodic(example: Example, case: int) -> Finding:
 
 
 def jumps(example: Example, case: int, column: str, unit: str) -> Finding:
-    """Jumps of a column at events, against what a smooth change may look like."""
+    """Jumps of a column at events, against the largest smooth change."""
     stretch = example.stretch(case)
     sizes = [abs(event.jump(column)) for event in stretch.turning]
     if not sizes:
@@ -132,12 +133,12 @@ def jumps(example: Example, case: int, column: str, unit: str) -> Finding:
     resolution = stretch.resolution(column)
     seen = sum(size > resolution for size in sizes)
     words = (f"{seen} of {len(sizes)} jumps, of {min(sizes):.3g} to {max(sizes):.3g} {unit} where the largest value is "
-             f"{stretch.maximum(column):.3g}, told from changes of {resolution:.1g}")
+             f"{stretch.maximum(column):.3g}, distinguishable from changes of {resolution:.1g}")
     return above(sizes, resolution, words)
 
 
 def friction_causes_jumps(example: Example, case: int) -> Finding:
-    """Part of the jump of mass times acceleration that is no jump of friction, at every event."""
+    """Part of the jump of mass times acceleration that is no jump of friction, the largest of all events."""
     mass = SliderBar.from_scene(example.cases[case]).mass
     rest = [abs(1 - event.jump(FRICTION) / (mass * event.jump(ACCELERATION)))
             for event in example.stretch(case).turning if event.jump(ACCELERATION)]
@@ -152,12 +153,11 @@ def friction_turns(example: Example, case: int) -> Finding:
     events = example.stretch(case).turning
     if not events:
         return NO_EVENT
-    turned: dict[str, list[bool]] = {}
-    for event in events:
-        turned.setdefault(event.kind, []).append(event.before[FRICTION] * event.after[FRICTION] < 0)
-    so = [turns for found in turned.values() for turns in found]
-    kinds = ", ".join(f"{kind}: {sum(found)} of {len(found)}" for kind, found in turned.items())
-    return all_of(so, f"friction changes its direction at {sum(so)} of {len(events)} jumps ({kinds})")
+    turned = [event.before[FRICTION] * event.after[FRICTION] < 0 for event in events]
+    number = Counter(event.kind for event in events)
+    turning = Counter(event.kind for event, so in zip(events, turned) if so)
+    kinds = ", ".join(f"{kind}: {turning[kind]} of {number[kind]}" for kind in number)
+    return all_of(turned, f"friction changes its direction at {sum(turned)} of {len(events)} jumps ({kinds})")
 
 
 def contacts_alternate(example: Example, case: int) -> Finding:
@@ -212,7 +212,7 @@ def larger_than_in(example: Example, case: int, other: int) -> Finding:
 
 
 def larger_by_parameters(example: Example, case: int, other: int, names: Sequence[str]) -> Finding:
-    """The same of the other case with each of the parameters alone as in this one."""
+    """Largest corner force and moment of the other case with each of the parameters alone as in this one."""
     ratios = {name: _ratios(example.with_parameter(name, other, case), example.stretch(other)) for name in names}
     sizes = [ratio for found in ratios.values() for ratio in found.values()]
     return above(sizes, 1, "; ".join(f"{name} alone: {_listed(found)}" for name, found in ratios.items()))

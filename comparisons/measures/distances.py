@@ -14,15 +14,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
+from stiction.comparisons.uncertain import Uncertain
 from stiction.scenes import Event
-
-
-@dataclass(frozen=True)
-class Distance:
-    """A distance and how far it may be from the one that exact curves would have, in the same unit."""
-
-    value: float
-    uncertainty: float
 
 
 @dataclass(frozen=True)
@@ -68,14 +61,8 @@ class Graph:
         return second * h ** 2 / 4
 
 
-def l1(a: Graph, b: Graph) -> Distance:
-    """Integral of |a - b| over the times that both cover, exact for the two broken lines.
-
-    Raises
-    ------
-    ValueError
-        If the graphs have no time in common.
-    """
+def l1(a: Graph, b: Graph) -> Uncertain:
+    """Integrate |a - b| over the times that both cover, exactly for the two broken lines."""
     start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     if end <= start:
         raise ValueError(f"no time in common: {a.t[0]:g} .. {a.t[-1]:g} s and {b.t[0]:g} .. {b.t[-1]:g} s")
@@ -89,34 +76,25 @@ def l1(a: Graph, b: Graph) -> Distance:
     area = np.where(crossing, (size ** 2 + other ** 2) / np.where(total > 0, 2 * total, 1.0), total / 2)
     # the mean deviation of a parabola from its chord is two thirds of the largest
     unsure = sum(float(np.sum(2 / 3 * g.interpolation_error * np.diff(g.t))) for g in (a, b))
-    return Distance(float(np.sum(area * h)), unsure)
+    return Uncertain(float(np.sum(area * h)), unsure)
 
 
-def sup_at(t: np.ndarray, a: np.ndarray, b: np.ndarray, uncertainty: float = 0.0) -> Distance:
-    """Largest |a - b| at common instants t, for continuous quantities; without the error of any interpolation.
-
-    The uncertainty is that of the values given, `uncertainty`, and rounding; nothing is claimed of other instants.
-    """
+def sup_at(t: np.ndarray, a: np.ndarray, b: np.ndarray, uncertainty: float = 0.0) -> Uncertain:
+    """Return the largest |a - b| at common instants t, with the `uncertainty` of the values given and rounding."""
     t, a, b = (np.asarray(array, dtype=float) for array in (t, a, b))
     if not (t.shape == a.shape == b.shape and t.size):
         raise ValueError(f"found shapes {t.shape}, {a.shape}, {b.shape}; expected one value of each per instant")
     size = float(np.max(np.abs(a)) + np.max(np.abs(b)))
-    return Distance(float(np.max(np.abs(a - b))), uncertainty + np.finfo(float).eps * size)
+    return Uncertain(float(np.max(np.abs(a - b))), uncertainty + np.finfo(float).eps * size)
 
 
-def hausdorff(a: Graph, b: Graph, time_scale: float = 1.0, value_scale: float = 1.0, points: int = 20_000) -> Distance:
-    """Hausdorff distance between the graphs in the plane (t / time_scale, value / value_scale).
+def hausdorff(a: Graph, b: Graph, time_scale: float = 1.0, value_scale: float = 1.0, points: int = 20_000) -> Uncertain:
+    """Return the Hausdorff distance between the graphs in the plane (t / time_scale, value / value_scale).
 
     The largest Euclidean distance from a point of either curve to the other curve. With both scales 1 a shift of a
     jump by dt gives at most dt. Both curves, vertical jumps included, are sampled at equal distances; the
     uncertainty is the spacing (each curve has a sample within half of it) plus the interpolation error of the graphs.
-
-    Parameters
-    ----------
-    time_scale, value_scale
-        What counts as one along each axis: seconds, and the unit of the values.
-    points
-        Samples per curve.
+    `points` is the number of samples per curve.
     """
     if not (time_scale > 0 and value_scale > 0 and points >= 2):
         raise ValueError(f"found scales {time_scale:g}, {value_scale:g}, {points} points; "
@@ -127,7 +105,7 @@ def hausdorff(a: Graph, b: Graph, time_scale: float = 1.0, value_scale: float = 
         curves.append(curve)
         spacing, unsure = max(spacing, gap), unsure + float(np.max(graph.interpolation_error)) / value_scale
     value = max(float(np.max(cKDTree(other).query(curve)[0])) for curve, other in (curves, curves[::-1]))
-    return Distance(value, spacing + unsure)
+    return Uncertain(value, spacing + unsure)
 
 
 def _densified(t: np.ndarray, values: np.ndarray, points: int) -> tuple[np.ndarray, float]:
@@ -141,7 +119,7 @@ def _densified(t: np.ndarray, values: np.ndarray, points: int) -> tuple[np.ndarr
 
 
 def value_at(graph: Graph, t: np.ndarray, side: str) -> np.ndarray:
-    """Value of the broken line; at a jump the side asked for."""
+    """Return the values of the broken line at times t; at a jump that of the given side."""
     right = np.searchsorted(graph.t, t, side="right" if side == "after" else "left")
     right = np.clip(right, 1, len(graph.t) - 1)
     h = graph.t[right] - graph.t[right - 1]
@@ -150,46 +128,30 @@ def value_at(graph: Graph, t: np.ndarray, side: str) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class EventMatch:
-    """An event of the truth and the one found for it; `time_error` = found minus true, s."""
-
-    true: Event
-    found: Event
-    time_error: float
-
-
-@dataclass(frozen=True)
 class EventComparison:
-    """How the events found compare with the true ones.
+    """Comparison of the events found with the true ones.
 
     Attributes
     ----------
-    matched : tuple of EventMatch
-        In order of the true events.
+    matched : tuple of (Event, Event)
+        True event and the one found for it, in order of the true ones.
     missed, spurious : tuple of Event
         True events without a counterpart, found ones without.
-    time_error : Distance
+    time_error : Uncertain
         Largest |time error| of the matched (nan without any), with the uncertainty given for the times.
     """
 
-    matched: tuple[EventMatch, ...]
+    matched: tuple[tuple[Event, Event], ...]
     missed: tuple[Event, ...]
     spurious: tuple[Event, ...]
-    time_error: Distance
+    time_error: Uncertain
 
 
 def match_events(true: Sequence[Event], found: Sequence[Event], window: float,
                  uncertainty: float = 0.0) -> EventComparison:
-    """Match events of the same kind and joint that lie within a window of time.
+    """Match events of the same kind and joint whose times (s) differ by no more than the window.
 
     The matching has as many pairs as possible and, among those, the smallest sum of time errors (assignment problem).
-
-    Parameters
-    ----------
-    window
-        Seconds; events further apart are not matched.
-    uncertainty
-        Of the times, seconds.
     """
     if not window > 0:
         raise ValueError(f"window: found {window:g}; expected a positive time in seconds")
@@ -198,9 +160,10 @@ def match_events(true: Sequence[Event], found: Sequence[Event], window: float,
     alike = alike.reshape(gap.shape) & (gap <= window)
     # one pair more is worth more than any sum of time errors
     cost = np.where(alike, gap, window * (1 + min(gap.shape)))
-    pairs = [(i, j) for i, j in zip(*linear_sum_assignment(cost)) if alike[i, j]]
-    matched = tuple(EventMatch(true[i], found[j], found[j].time - true[i].time) for i, j in sorted(pairs))
-    worst = max((abs(match.time_error) for match in matched), default=float("nan"))
+    pairs = sorted((i, j) for i, j in zip(*linear_sum_assignment(cost)) if alike[i, j])
     rows, columns = {i for i, _ in pairs}, {j for _, j in pairs}
-    return EventComparison(matched, tuple(e for i, e in enumerate(true) if i not in rows),
-                           tuple(e for j, e in enumerate(found) if j not in columns), Distance(worst, uncertainty))
+    missed = tuple(e for i, e in enumerate(true) if i not in rows)
+    spurious = tuple(e for j, e in enumerate(found) if j not in columns)
+    worst = float(max((gap[pair] for pair in pairs), default=np.nan))
+    matched = tuple((true[i], found[j]) for i, j in pairs)
+    return EventComparison(matched, missed, spurious, Uncertain(worst, uncertainty))

@@ -1,4 +1,4 @@
-"""Constraint drift of single runs: size and growth of the residuals of Phi and Phi' (the paper's Fig. 14 and beyond)."""
+"""Constraint drift of single runs: size and growth of the residuals of Phi and Phi' (the paper's Fig. 14)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.measures.distances import Distance
 from stiction.comparisons.measures.drift_growth import growth
+from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import Record
 from stiction.scenes import Scene, Trajectory
 
@@ -18,22 +18,22 @@ ROUNDING = 1e-13
 noise)."""
 DECAY_ERROR = "error of the decay to the joints [-]"
 CLEAR = 1e-3
-"""Part of a start off the constraints that rounding may be, for its decay to be told from it."""
+"""Largest part of a start off the constraints that rounding may be, for the decay of the start to be measured."""
 SETTLED = 16
-"""Part of a run from which on growth is looked for: four octaves."""
+"""Part of a run from which on growth is measured: four octaves."""
 
 
 def drift_table(records: Iterable[Record]) -> pd.DataFrame:
-    """One row per run: size and growth of the residuals of the scene's constraints.
+    """Return one row per run: size and growth of the residuals of the scene's constraints.
 
     Residuals are recomputed from the states by the same constraint equations for every engine; the engine's own
-    formulation may satisfy others better. At contact fidelity they contain the penetration and clearance of the contacts.
+    formulation may satisfy others better. At contact fidelity they contain the penetration and clearance of contacts.
     """
     return pd.DataFrame([{**record.describe(), **drift(record.trajectory)} for record in records])
 
 
 def drift(trajectory: Trajectory | None) -> dict[str, Any]:
-    """Drift of one run; empty values where there is no run. The numbers are exact for the states, up to rounding.
+    """Return the drift of one run, exact for its states up to rounding; empty values where there is no run.
 
     Growth over so short a run is often inconclusive; `stiction.comparisons.studies.stabilization_drift` has longer ones.
     """
@@ -42,20 +42,19 @@ def drift(trajectory: Trajectory | None) -> dict[str, Any]:
         return row
     t, position, velocity = trajectory.t, trajectory["drift.position"], trajectory["drift.velocity"]
     law = growth(t, position, t[-1] / SETTLED, rounding_of(trajectory))
-    row.update({
+    return row | {
         "position drift, max [m]": float(np.max(position)), "position drift, end [m]": float(position[-1]),
         "velocity drift, max [m/s]": float(np.max(velocity)), "velocity drift, end [m/s]": float(velocity[-1]),
         "growth": law.verdict, "exponent of growth [-]": law.exponent, "interval of the exponent [-]": law.uncertainty,
-        "uncertainty [m]": ROUNDING})
-    return row
+        "uncertainty [m]": ROUNDING}
 
 
-def decay_error(trajectory: Trajectory, scene: Scene) -> Distance | None:
-    """How far the decay of a start off the constraints is from that of Baumgarte's equation, over its size at the start.
+def decay_error(trajectory: Trajectory, scene: Scene) -> Uncertain | None:
+    """Compare the decay of a start off the constraints with that of Baumgarte's equation, over its size at the start.
 
-    Phi'' + 2 alpha Phi' + beta^2 Phi = 0 (Baumgarte 1972; eq. (25) of the paper) holds for each row, so that |Phi| falls by
-    the same factor in every mechanism where Phi' = 0 at the start. None of a run that stabilizes otherwise, and where
-    rounding is more than `CLEAR` of the start.
+    Phi'' + 2 alpha Phi' + beta^2 Phi = 0 (Baumgarte 1972; eq. (25) of the paper) holds for each row, so that |Phi|
+    falls by the same factor in every mechanism where Phi' = 0 at the start. None for a run that stabilizes otherwise,
+    and where rounding is more than `CLEAR` of the start.
     """
     law, used = scene.stabilization, trajectory.settings.get("stabilization")
     position, rounding = trajectory["drift.position"], rounding_of(trajectory)
@@ -66,21 +65,19 @@ def decay_error(trajectory: Trajectory, scene: Scene) -> Distance | None:
     root = np.sqrt(complex(law.alpha ** 2 - law.beta ** 2)) or 1e-8 * law.alpha  # equal ones are the limit
     faster, slower = -law.alpha - root, -law.alpha + root
     factor = (slower * np.exp(faster * trajectory.t) - faster * np.exp(slower * trajectory.t)) / (slower - faster)
-    return Distance(float(np.max(np.abs(position / position[0] - np.abs(factor.real)))), rounding / position[0])
+    return Uncertain(float(np.max(np.abs(position / position[0] - np.abs(factor.real)))), rounding / position[0])
 
 
 def rounding_of(trajectory: Trajectory) -> float:
-    """What rounding makes of the residuals at most: coordinates are rounded by eps times their size, which for the angle of a turning bar grows.
+    """Return a bound of what rounding adds to the residuals of a state: 16 eps times its largest coordinate.
 
-    Sixteen times that: the sum of some squares, each of the difference of some products.
+    A coordinate is rounded by eps times its size, which for the angle of a turning bar grows; a residual is the sum of
+    some squares, each of the difference of some products.
     """
     states = [values for name, values in trajectory.columns.items() if name.rpartition(".")[2] in ("x", "y", "angle")]
     return 16 * np.finfo(float).eps * float(max((np.max(np.abs(values)) for values in states), default=0.0))
 
 
 def rounding_over(trajectory: Trajectory) -> float:
-    """What rounding makes of the residuals at most in a scheme of steps, m: that of a state, once for each step, as each adds to coordinates that it rounds.
-
-    Of an engine that counts no steps, that of a state.
-    """
+    """Return a bound of what rounding adds over a run, m: `rounding_of` a state, for each step that it counts."""
     return rounding_of(trajectory) * max(1, trajectory.cost.counters.get("steps", 1))

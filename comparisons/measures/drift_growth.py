@@ -1,8 +1,7 @@
-"""Whether a residual grows, and how fast: a power of time, fitted over octaves of it, with its interval."""
+"""Growth of a residual: a power of time, fitted over octaves of it, with its interval, or a bound."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -12,7 +11,7 @@ from scipy.stats import t as student
 GROWS, BOUNDED, ROUNDED, INCONCLUSIVE = "grows", "bounded", "rounding", "inconclusive"
 CONFIDENCE = 0.95
 WALKS, PER_OCTAVE = 2000, 32
-"""Random walks by which it is told how steady one may seem to be, and instants of each octave."""
+"""Random walks from which the spread of one is known, and instants of each octave."""
 FEWEST = 3
 """Octaves through which a line and its scatter can be found."""
 
@@ -24,15 +23,18 @@ class Growth:
     Attributes
     ----------
     exponent, uncertainty : float
-        Least squares in logarithms, and half its interval of `CONFIDENCE` by Student's distribution; nan where there are too few octaves. The interval holds as often as it says
-        if octaves scatter independently. Those of the random walk of a rate, ~ time^(3/2), do not: there it holds in three of four.
+        Least squares in logarithms, and half its interval of `CONFIDENCE` by Student's distribution; nan where there
+        are too few octaves. The interval holds as often as it says if octaves scatter independently. Those of the
+        random walk of a rate, ~ time^(3/2), do not: there it holds in three of four.
     spread, walk : float
-        Logarithm of the largest octave over the smallest, and what a random walk over as many octaves hardly ever stays below, see `walk_spread`.
+        Logarithm of the largest octave over the smallest, and its lower limit for a random walk, see `walk_spread`.
     verdict : str
-        `BOUNDED` where the spread is below that of a walk, and the interval below 1/2; else `GROWS` where the interval lies above zero; else `INCONCLUSIVE`: the run
-        is too short. `ROUNDED` where all octaves, or all but the first that are too few for a law, are not above what rounding may make.
+        `BOUNDED` where the spread is below that of a walk, and the interval below 1/2; else `GROWS` where the interval
+        lies above zero; else `INCONCLUSIVE`: the run is too short. `ROUNDED` where all octaves, or all but the first
+        that are too few for a law, are not above what rounding may add.
     until : float
-        s; end of the last octave from which the law is read: those that rounding may have made are left out. nan without one.
+        s; end of the last octave from which the law is read: those that rounding may explain are left out. nan
+        without one.
     octaves : tuple of (float, float)
         End of each octave and the root mean square in it.
     """
@@ -47,17 +49,18 @@ class Growth:
 
 
 def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np.ndarray = 0.0) -> Growth:
-    """The law of growth of sampled values.
+    """Find the law of growth of sampled values.
 
-    Root mean squares over octaves (T/2, T], (T/4, T/2], .., T the end of the run, down to ones that begin at `first` at the earliest: the
-    mean of a periodic residual does not depend on where its largest value is met, and that of noise not on the number of samples.
+    Root mean squares over octaves (T/2, T], (T/4, T/2], .., T the end of the run, down to ones that begin at `first`
+    at the earliest: the mean of a periodic residual does not depend on where its largest value is met, and that of
+    noise not on the number of samples.
 
     Parameters
     ----------
     t, values : ndarray, shape (n,)
         s, and sizes >= 0.
     first : float
-        s; what is before it is transient, and an octave that is shorter would not hold a period.
+        s; earlier values are transient, and an octave that is shorter would not hold a period.
     rounding : float or ndarray, shape (n,)
         Values up to which rounding may make them, of all samples or of each.
     """
@@ -68,30 +71,33 @@ def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np
         inside = values[within]
         if len(inside) == 0 or not np.all(np.isfinite(inside)):
             break
-        octaves.append((end, float(np.sqrt(np.mean(inside ** 2)))))
-        above.append(octaves[-1][1] > np.sqrt(np.mean(limit[within] ** 2)))
+        octaves.insert(0, (end, float(np.sqrt(np.mean(inside ** 2)))))
+        above.insert(0, octaves[0][1] > np.sqrt(np.mean(limit[within] ** 2)))
         end /= 2
-    octaves, above = octaves[::-1], above[::-1]
     seen = [octave for octave, is_above in zip(octaves, above) if is_above]
-    until = seen[-1][0] if seen else float("nan")
-    rounding_follows = all(above[:len(seen)]) and len(seen) < len(octaves)
+    until = seen[-1][0] if seen else np.nan
+    are_successive = all(above[:len(seen)])  # a law is of successive octaves
+    rounding_follows = are_successive and len(seen) < len(octaves)
     if len(values) and np.all(values <= limit) or rounding_follows and len(seen) < FEWEST:
-        return Growth(*[float("nan")] * 4, ROUNDED, until, tuple(octaves))
-    if len(seen) < FEWEST or not all(above[:len(seen)]):  # a law is of successive octaves
-        return Growth(*[float("nan")] * 4, INCONCLUSIVE, until, tuple(octaves))
-    exponent, uncertainty = _line([size for _, size in seen])
-    spread, walk = float(np.ptp(np.log([size for _, size in seen]))), walk_spread(len(seen))
-    verdict = BOUNDED if spread < walk and exponent + uncertainty < 0.5 else GROWS if exponent > uncertainty else INCONCLUSIVE
+        return Growth(np.nan, np.nan, np.nan, np.nan, ROUNDED, until, tuple(octaves))
+    if len(seen) < FEWEST or not are_successive:
+        return Growth(np.nan, np.nan, np.nan, np.nan, INCONCLUSIVE, until, tuple(octaves))
+    sizes = np.log([size for _, size in seen])
+    exponent, uncertainty = _line(sizes)
+    spread, walk = float(np.ptp(sizes)), walk_spread(len(seen))
+    is_bounded = spread < walk and exponent + uncertainty < 0.5
+    verdict = BOUNDED if is_bounded else GROWS if exponent > uncertainty else INCONCLUSIVE
     return Growth(exponent, uncertainty, spread, walk, verdict, until, tuple(octaves))
 
 
 @cache
 def walk_spread(octaves: int) -> float:
-    """The spread below which random walks stay with probability (1 - `CONFIDENCE`)/2, over so many octaves.
+    """Return the spread below which random walks stay with probability (1 - `CONFIDENCE`)/2, over so many octaves.
 
-    The slowest growth that errors of integration can have is that of independent ones, directly in the residual: a random walk, ~ time^(1/2) in the mean. A
-    single walk may for a while seem to be bounded: octave by octave it is one draw, not a mean. A residual is called bounded only where a walk would
-    hardly ever do as it does. By `WALKS` walks; which instants they are looked at does not matter, Brownian motion is the same on all scales.
+    The slowest growth that errors of integration can have is that of independent ones, directly in the residual: a
+    random walk, ~ time^(1/2) in the mean. A single walk may for a while seem to be bounded: octave by octave it is one
+    draw, not a mean. A residual is called bounded only where a walk would hardly ever stay as steady. The instants of
+    the `WALKS` walks do not matter: Brownian motion is the same on all scales.
     """
     random = np.random.default_rng(0)
     times = 2.0 ** (np.arange(octaves * PER_OCTAVE + 1) / PER_OCTAVE)
@@ -102,9 +108,9 @@ def walk_spread(octaves: int) -> float:
     return float(np.quantile(np.ptp(np.log(sizes), axis=1), (1 - CONFIDENCE) / 2))
 
 
-def _line(sizes: Sequence[float]) -> tuple[float, float]:
-    """Exponent, and half its interval, of sizes in successive octaves."""
-    x, y = np.arange(len(sizes)) * np.log(2), np.log(sizes)
+def _line(y: np.ndarray) -> tuple[float, float]:
+    """Exponent, and half its interval, of the logarithms of sizes in successive octaves."""
+    x = np.arange(len(y)) * np.log(2)
     x = x - x.mean()
     slope = x @ y / (x @ x)
     spread = np.sqrt(np.sum((y - y.mean() - slope * x) ** 2) / (len(x) - 2) / (x @ x))

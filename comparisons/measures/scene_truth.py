@@ -9,9 +9,9 @@ from functools import lru_cache
 import numpy as np
 
 from stiction.comparisons.proof.truth import with_proof
-from stiction.comparisons.truth import (NoMotion, NotThisMechanism, Truth, TruthRefused, Undecided, four_bar_truth, incline_truth,
-                                        moving_guide_truth, oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth,
-                                        trammel_truth)
+from stiction.comparisons.truth import (NoMotion, NotThisMechanism, Truth, TruthRefused, Undecided, four_bar_truth,
+                                        incline_truth, moving_guide_truth, oscillator_truth, pendulum_truth,
+                                        slider_bar_truth, slider_crank_truth, trammel_truth)
 from stiction.comparisons.variants import Record, physics_of, truth_key
 from stiction.engines.reference.engine import compile_kernels
 from stiction.reference_impl.integration.event_driven import Run, simulate_event_driven
@@ -22,27 +22,28 @@ from stiction.scenes import Scene, scene_to_toml
 OWN_RUN = "our own run"
 INDEPENDENT = (slider_bar_truth, oscillator_truth, incline_truth, slider_crank_truth, pendulum_truth, four_bar_truth,
                trammel_truth, moving_guide_truth)
-OWN_RTOL = 1e-12
+OWN_RTOL, COARSER_RTOL = 1e-12, 1e-10
 
 
 class NoOwnRun(TruthRefused):
-    """Our own run did not come to its end."""
+    """Our own run did not reach its end."""
 
 
 def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """The best truth there is for a scene; where a tier has no answer, the next with a note why.
+    """Return the best truth there is for a scene; where a tier has no answer, the next with a note why.
 
-    An independent one if the scene has the structure of one of `stiction.comparisons.truth`, proven where a certificate is of it; otherwise the reference
-    implementation's own event-driven run at rtol 1e-12 with projection, tier "our own run", whose uncertainty is the
-    difference to its run at 1e-10. Where that one ends early too, or the equations have no motion or several, the tier is
-    "none": there is nothing to compare with. All tiers have the same events: those of `rubbing_guides`. That of a scene is found once.
+    An independent one if the scene has the structure of one of `stiction.comparisons.truth`, proven where a certificate
+    is of it. Otherwise the reference implementation's own event-driven run at rtol 1e-12 with projection, tier "our own
+    run", whose uncertainty is the difference to its run at 1e-10. Where that one ends early too, or the equations have
+    no motion or several, the tier is "none": there is nothing to compare with. All tiers have the same events: those
+    of `rubbing_guides`. The truth of a scene is kept.
     """
-    return _found(_Asked(scene_to_toml(scene), scene.name, scene.t_end if t_end is None else t_end, scene))
+    return _found(_Request(scene_to_toml(scene), scene.name, scene.t_end if t_end is None else t_end, scene))
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """What a truth is of; scenes themselves have no hash."""
+class _Request:
+    """A scene and the end of its truth, with a hash, which scenes themselves do not have."""
 
     text: str
     name: str
@@ -51,8 +52,8 @@ class _Asked:
 
 
 @lru_cache(maxsize=16)
-def _found(asked: _Asked) -> Truth:
-    scene, t_end, note = asked.scene, asked.t_end, ""
+def _found(request: _Request) -> Truth:
+    scene, t_end, note = request.scene, request.t_end, ""
     for independent in INDEPENDENT:
         try:
             truth = independent(scene, t_end)
@@ -70,17 +71,22 @@ def _found(asked: _Asked) -> Truth:
         return Truth.unknown(scene.name, t_end, "; ".join(filter(None, (note, str(error)))))
 
 
-def truth_for(scene: Scene, records: Iterable[Record], t_end: float | None = None, static_coefficient: bool = True) -> Truth:
-    """`ground_truth` to compare runs with, for the physics of their engines and with the name that `truth_key` gives it; it is not looked for where none came out."""
+def truth_for(scene: Scene, records: Iterable[Record], t_end: float | None = None,
+              static_coefficient: bool = True) -> Truth:
+    """Return `ground_truth` for the physics of the engines of some runs, under the name of `truth_key`.
+
+    Where all runs failed it is not sought.
+    """
     if any(record.trajectory is not None for record in records):
         found = ground_truth(physics_of(scene, static_coefficient), t_end)
     else:
-        found = Truth.unknown(scene.name, scene.t_end if t_end is None else t_end, "no run came out that could be compared with it")
+        found = Truth.unknown(scene.name, scene.t_end if t_end is None else t_end,
+                              "all runs that could be compared with it failed")
     return replace(found, scene=truth_key(scene.name, static_coefficient))
 
 
 def rubbing_guides(scene: Scene) -> frozenset[str]:
-    """Guides whose changes of contact mode are events, whatever tier a truth has: those with friction. Of others nothing in the motion changes."""
+    """Return the guides with friction: the motion changes with their contact modes, whatever tier a truth has."""
     return frozenset(name for name, guide in scene.frictional_guides.items() if guide.static_coefficient > 0)
 
 
@@ -104,26 +110,20 @@ def _own_truth(scene: Scene, t_end: float) -> Truth:
         return result
 
     check = np.linspace(0.0, t_end, 101)
-    fine, coarse = run(check), run(check, 1e-10)
+    fine, coarse = run(check), run(check, COARSER_RTOL)
     once, again = (sorted((event.joint, event.kind, event.time) for event in found.events) for found in (fine, coarse))
     same = [event[:2] for event in once] == [event[:2] for event in again]
     # where the two have other events nothing is known of their times
-    shifts = [abs(a[2] - b[2]) for a, b in zip(once, again)] if same else [t_end]
+    shift = max((abs(a[2] - b[2]) for a, b in zip(once, again)), default=0.0) if same else t_end
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         order = np.argsort(t, kind="stable")
         found = {name: values[np.argsort(order)] for name, values in run(t[order]).columns.items()}
         if side == "before":
             for event in fine.events:
-                for i in np.flatnonzero(t == event.time):
-                    for name, value in event.before.items():
-                        found[name][i] = value
+                for name, value in event.before.items():
+                    found[name][t == event.time] = value
         return found
 
     uncertainty = {name: float(np.max(np.abs(fine.columns[name] - coarse.columns[name]))) for name in fine.columns}
-    return Truth(scene.name, OWN_RUN, t_end, columns, {**uncertainty, "event time": max(shifts, default=0.0)}, fine.events)
-
-
-def shortened(truth: Truth, t_end: float) -> Truth:
-    """The truth up to an earlier time."""
-    return replace(truth, t_end=min(t_end, truth.t_end), events=tuple(e for e in truth.events if e.time <= t_end))
+    return Truth(scene.name, OWN_RUN, t_end, columns, {**uncertainty, "event time": shift}, fine.events)

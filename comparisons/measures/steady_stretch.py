@@ -1,12 +1,12 @@
-"""Stretches of motions of the paper's example, from the independent solution and from runs of the HLCP scheme, in the same terms.
+"""Stretches of motions of the paper's example, from the independent solution and from runs of the HLCP scheme alike.
 
-A claim about the example is measured on stretches alone, so that the same measurement is made of the truth and of a run.
+A claim about the example is measured on stretches alone, so that truth and run undergo the same measurement.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,8 +25,9 @@ ROUNDING = 1e-9
 """Seconds by which the ends of a stretch may miss a sample or an event."""
 
 
-def stick_intervals(events: Iterable[Event], start: float, end: float, starts_at_rest: bool) -> list[tuple[float, float]]:
-    """Begin and end of each stick phase, s, from the events of one guide; a phase that lasts to the end ends there."""
+def stick_intervals(events: Iterable[Event], start: float, end: float,
+                    starts_at_rest: bool) -> list[tuple[float, float]]:
+    """Return begin and end of each stick phase, s, from the events of one guide; a phase lasts to `end` at most."""
     found, since = [], start if starts_at_rest else None
     for event in events:
         if event.kind == "stick":
@@ -68,10 +69,11 @@ class Stretch:
     uncertainty: Mapping[str, float] = field(default_factory=dict)
 
     def between(self, start: float, end: float) -> Stretch:
-        """A part of it."""
+        """Return a part of the stretch."""
         inside = (self.t >= start - ROUNDING) & (self.t <= end + ROUNDING)
-        return Stretch(start, end, self.period, self.t[inside], {name: values[inside] for name, values in self.columns.items()},
-                       tuple(event for event in self.events if start < event.time < end), self.step, self.uncertainty)
+        return replace(self, start=start, end=end, t=self.t[inside],
+                       columns={name: values[inside] for name, values in self.columns.items()},
+                       events=tuple(event for event in self.events if start < event.time < end))
 
     @cached_property
     def phases(self) -> list[tuple[float, float]]:
@@ -85,11 +87,11 @@ class Stretch:
 
     @property
     def stick_time_per_period(self) -> float:
-        """Seconds of a period, in the mean, in which the slider is stuck."""
+        """Mean of the seconds of a period in which the slider is stuck."""
         return self.stick_time * self.period / (self.end - self.start)
 
     def maximum(self, *names: str) -> float:
-        """Largest size of columns, both sides of events included."""
+        """Return the largest size of columns, both sides of events included."""
         sides = [abs(side[name]) for event in self.events for side in (event.before, event.after) for name in names]
         return float(max([np.max(np.abs(self.columns[name])) for name in names] + sides))
 
@@ -99,7 +101,7 @@ class Stretch:
         return [event for event in self.events if event.kind in TURNING]
 
     def resolution(self, column: str) -> float:
-        """Size below which a jump is not told from a smooth change: what the column changes by in a step, at most, or its uncertainty."""
+        """Return the size of the smallest distinguishable jump: the largest smooth change in a step, or uncertainty."""
         t, values = self.t, self.columns[column]
         quiet = np.ones(len(t) - 1, dtype=bool)
         for event in self.turning:
@@ -108,7 +110,7 @@ class Stretch:
         return float(self.step * np.max(rate[quiet], initial=0.0) + self.uncertainty.get(column, 0.0))
 
     def change(self) -> float:
-        """Largest change of position and velocity from one period to the next, relative to their ranges."""
+        """Return the largest change of position and velocity from one period to the next, relative to their ranges."""
         instants = np.arange(self.start, self.end + ROUNDING, self.period)
         worst = 0.0
         for name in ("slider.x", "slider.vx"):
@@ -119,14 +121,13 @@ class Stretch:
     @cached_property
     def configurations(self) -> list[tuple[str, float]]:
         """Corners that touch, in their order, each with the seconds it lasts: ``"1+3"``: corners 1 and 3 touch."""
-        touching = np.stack([self.columns[f"{GUIDE}.F{i}"] > 0 for i in range(1, 5)])
-        names = ["+".join(str(i + 1) for i in np.flatnonzero(column)) for column in touching.T]
-        starts = [i for i, name in enumerate(names) if i == 0 or name != names[i - 1]]
-        ends = [*self.t[starts[1:]], self.end]
-        return [(names[i], float(end - self.t[i])) for i, end in zip(starts, ends)]
+        touching = np.stack([self.columns[f"{GUIDE}.F{i}"] > 0 for i in range(1, 5)], axis=1)
+        starts = np.flatnonzero(np.append(True, np.any(np.diff(touching, axis=0), axis=1)))
+        names = ["+".join(str(corner + 1) for corner in np.flatnonzero(touching[i])) for i in starts]
+        return list(zip(names, np.diff([*self.t[starts], self.end]).tolist()))
 
     def cycle(self) -> list[str]:
-        """The configurations of one period as a cycle, beginning with 2+4 where there is one."""
+        """Return the configurations of one period as a cycle, beginning with 2+4 where there is one."""
         names = [name for name, _ in self.configurations]
         if len(names) > 1 and names[0] == names[-1]:
             names = names[:-1]
@@ -135,7 +136,7 @@ class Stretch:
 
 
 def steady_stretch(scene: Scene) -> Stretch:
-    """The periodic motion that the scene's start leads to, over its period, by the independent solution's return map.
+    """Return one period of the motion that the scene's start leads to, by the independent solution's return map.
 
     Raises
     ------
@@ -143,20 +144,20 @@ def steady_stretch(scene: Scene) -> Stretch:
         Where there is none.
     """
     mechanism = SliderBar.from_scene(scene)
-    found = steady_state(mechanism)
-    period, end = mechanism.period(), mechanism.period() * max(found.periods, 1)
-    t = np.linspace(0.0, end, (SAMPLES_PER_PERIOD - 1) * max(found.periods, 1) + 1)  # the same instants of each period, however many it is found to take
+    found, period = steady_state(mechanism), mechanism.period()
+    end = period * found.periods
+    t = np.linspace(0.0, end, (SAMPLES_PER_PERIOD - 1) * found.periods + 1)  # the same instants of each period
     return Stretch(0.0, end, period, t, motion_columns(mechanism, found.motion, t, "after"),
                    motion_events(mechanism, found.motion, (GUIDE,)), uncertainty={"residual": found.residual})
 
 
 def truth_stretch(scene: Scene, truth: Truth) -> Stretch:
-    """All of an independent solution."""
+    """Return all of an independent solution."""
     period = SliderBar.from_scene(scene).period()
     t = np.linspace(0.0, truth.t_end, round((SAMPLES_PER_PERIOD - 1) * truth.t_end / period) + 1)
     return Stretch(0.0, truth.t_end, period, t, truth(t), truth.events, uncertainty=truth.uncertainty)
 
 
 def run_stretch(scene: Scene, run: Trajectory, step: float) -> Stretch:
-    """All of a run of a method of fixed step."""
+    """Return all of a run of a method of fixed step."""
     return Stretch(0.0, float(run.t[-1]), SliderBar.from_scene(scene).period(), run.t, run.columns, run.events, step)

@@ -1,4 +1,4 @@
-"""Jumps of the driving effort: size and time at every event of the truth, and what each engine makes of them."""
+"""Jumps of the driving effort: size and time at every event of the truth, and as read off the runs of engines."""
 
 from __future__ import annotations
 
@@ -16,25 +16,26 @@ from stiction.comparisons.variants import UNMADE, Record
 from stiction.scenes import Event, Trajectory
 
 SAMPLES, GAP = 6, 3
-"""Samples on either side of a jump through which a parabola is laid, enough to average the noise of an impulse-based solver, few enough to stay within the smooth piece;
-and intervals that the jump itself may take: with three, two samples between its sides."""
+"""Samples on either side of a jump through which a parabola is laid, enough to average the noise of an impulse-based
+solver, few enough to stay within the smooth piece; and intervals that the jump itself may take: with three, two
+samples between its sides."""
 CONFIDENCE, CERTAIN = 0.95, 3.0
-"""Of the interval of a size, and how many times its half a size must be to be a jump: of the hundred gaps that are tried, noise alone gets as far in one of 30 searches."""
+"""Confidence of the interval of a size, and the least ratio of a jump's size to half its interval: of the hundred gaps
+that are tried, noise alone gets as far in one of 30 searches."""
 
 SEARCH = 0.05
-"""Seconds around a true event in which an engine's jump is sought, at least SAMPLES samples; half the distance to the next
-event if that is less."""
+"""Seconds around a true event in which an engine's jump is sought, at least SAMPLES samples; half the distance to the
+next event if that is less."""
 
 SMALLEST = 1e-9
 """N m; events whose true jump is smaller (corner forces through zero) are kinks and have no row."""
 
 LATEST = 0.01
-"""Seconds, beyond its own uncertainty, that a reading may be away from the true event: a step of the coarsest runs.
-What is further away is no reading of it."""
+"""Largest distance of a reading from the true event beyond its own uncertainty, s: a step of the coarsest runs."""
 FARTHEST = 0.5
 """Part of a jump that its reading may be off by: a reading of less than half of a jump is nearer to none at all."""
 BOUND = "jump bound [N m]"
-"""Column: what the size of a jump is off by, at most; of a jump that is not read its whole size, at least."""
+"""Column: bound of the error of the size of a jump; of a jump that is not read at least its whole size."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class JumpEstimate:
 
 
 def torque_table(records: Iterable[Record], truths: Mapping[str, Truth], effort: str = "motor.effort") -> pd.DataFrame:
-    """One row per run and jump of the truth; per run where there is no truth, or the run was not made, with the reason.
+    """Return one row per run and jump of the truth; per run where it was not made or there is no truth.
 
     The true jump is two-sided, and for the slider-bar also known in closed form, -c sin(th) times the jump of the
     slider's acceleration; the larger of the difference of both and the truth's own uncertainty is the truth's
@@ -100,45 +101,45 @@ def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> J
     if has_two_sided_events(trajectory):
         estimate = _located(trajectory, event, effort)
     else:
-        estimate = estimate_jump(trajectory, event, _room(truth, i), effort)
+        times = np.array([event.time for event in truth.events])
+        others = np.abs(np.delete(times, i) - times[i])
+        half_way = 0.5 * float(np.min(others[others > 1e-9], initial=truth.t_end))
+        estimate = estimate_jump(trajectory, event, half_way, effort)
     if estimate is None or abs(estimate.time - event.time) > LATEST + estimate.time_uncertainty:
         return None
     return estimate
 
 
-def _room(truth: Truth, i: int) -> float:
-    """Half the distance to the nearest other event, of any kind."""
-    times = np.array([event.time for event in truth.events])
-    others = np.abs(np.delete(times, i) - times[i])
-    return 0.5 * float(np.min(others[others > 1e-9], initial=truth.t_end))
-
-
 def _located(trajectory: Trajectory, event: Event, effort: str) -> JumpEstimate | None:
-    found = [e for e in trajectory.events if e.kind == event.kind and e.joint == event.joint and abs(e.time - event.time) < SEARCH]
-    if not found:
+    alike = [found for found in trajectory.events if (found.kind, found.joint) == (event.kind, event.joint)]
+    nearest = min(alike, key=lambda found: abs(found.time - event.time), default=None)
+    if nearest is None or abs(nearest.time - event.time) >= SEARCH:
         return None
-    nearest = min(found, key=lambda e: abs(e.time - event.time))
     return JumpEstimate(nearest.time, nearest.jump(effort), 0.0, 0.0)
 
 
-def estimate_jump(trajectory: Trajectory, event: Event, room: float, effort: str = "motor.effort") -> JumpEstimate | None:
-    """Size and time of a jump from samples.
+def estimate_jump(trajectory: Trajectory, event: Event, room: float,
+                  effort: str = "motor.effort") -> JumpEstimate | None:
+    """Read size and time of a jump off samples.
 
-    An engine of fixed step has one value in the step of a jump, anywhere between the two sides of it or beyond both. So parabolas are laid through `SAMPLES` samples
-    on either side of a gap of one to `GAP` intervals, whose inner samples belong to neither side, and are continued to its middle. Of all such gaps the jump is the one
-    whose size is the largest in units of its own uncertainty. Size is unsure by the standard error of both continuations (least squares, at `CONFIDENCE` by
-    Student's distribution), and by what their slopes differ by over half the gap
-    and an interval more, as nothing tells on which side a value inside belongs; time by half the gap.
+    An engine of fixed step has one value in the step of a jump, anywhere between the two sides of it or beyond both.
+    So parabolas are laid through `SAMPLES` samples on either side of a gap of one to `GAP` intervals, whose inner
+    samples belong to neither side, and are continued to its middle. Of all such gaps the jump is the one whose size is
+    the largest in units of its own uncertainty. Time is unsure by half the gap. Size is unsure by the standard error of
+    both continuations (least squares, at `CONFIDENCE` by Student's distribution), and by the difference of their slopes
+    over half the gap and an interval more: a value inside may belong to either side.
 
     Parameters
     ----------
     room : float
-        Seconds on either side of the true event in which the jump is sought; no sample is used from beyond twice that, where other events are.
+        Seconds on either side of the true event in which the jump is sought; samples beyond twice that, where other
+        events are, are not used.
 
     Returns
     -------
     JumpEstimate or None
-        None if the samples do not suffice, guides at rest leave one of them open, or no size exceeds `CERTAIN` times its uncertainty.
+        None if the samples do not suffice, guides at rest leave one of them open, or no size exceeds `CERTAIN` times
+        its uncertainty.
     """
     inside = np.abs(trajectory.t - event.time) < 2 * room
     t, values = trajectory.t[inside], trajectory[effort][inside]
@@ -152,20 +153,23 @@ def estimate_jump(trajectory: Trajectory, event: Event, room: float, effort: str
 
 
 def _over_gaps(t: np.ndarray, values: np.ndarray, last: np.ndarray, gap: int) -> Iterator[JumpEstimate]:
-    """The jump over gaps of so many intervals after each of the samples `last` that has `SAMPLES` samples on either side."""
+    """The jump over `gap` intervals after each of the samples `last` that has `SAMPLES` samples on either side."""
     last = last[(last >= SAMPLES - 1) & (last + gap + SAMPLES <= len(t))]
     middle, half = (t[last + gap] + t[last]) / 2, (t[last + gap] - t[last]) / 2
     before, after = (_continued(t, values, first, middle) for first in (last - SAMPLES + 1, last + gap))
     deviation = np.sqrt((before.squares + after.squares) / (2 * (SAMPLES - 3)))
     error = student.ppf((1 + CONFIDENCE) / 2, 2 * (SAMPLES - 3)) * deviation * np.sqrt(before.leverage + after.leverage)
-    unsure = error + np.abs(after.slope - before.slope) * (half + 2 * half / gap) + 4 * np.spacing(np.max(np.abs(values)))
+    bend = np.abs(after.slope - before.slope) * (half + 2 * half / gap)
+    unsure = error + bend + 4 * np.spacing(np.max(np.abs(values)))
     return map(JumpEstimate, middle.tolist(), (after.value - before.value).tolist(), half.tolist(), unsure.tolist())
 
 
 @dataclass(frozen=True)
 class _Continued:
-    """Parabolas continued to an instant each: value and slope there, sum of squares of what the samples are off by, and the value's variance in units of that of a
-    sample; each of shape (n,)."""
+    """Parabolas continued to an instant each; all of shape (n,).
+
+    Value and slope there, sum of the squared residuals of the samples, and the value's variance over a sample's.
+    """
 
     value: np.ndarray
     slope: np.ndarray
@@ -174,11 +178,12 @@ class _Continued:
 
 
 def _continued(t: np.ndarray, values: np.ndarray, first: np.ndarray, to: np.ndarray) -> _Continued:
-    """Of the `SAMPLES` samples from each of `first` on."""
+    """Parabolas through the `SAMPLES` samples from each of `first` on, continued to the instants `to`."""
     window = first[:, None] + np.arange(SAMPLES)
     scale = t[window[:, -1]] - t[window[:, 0]]
     powers = ((t[window] - to[:, None]) / scale[:, None])[..., None] ** np.arange(3)
     inverse = np.linalg.inv(np.swapaxes(powers, 1, 2) @ powers) @ np.swapaxes(powers, 1, 2)
     coefficients = (inverse @ values[window][..., None])[..., 0]
     off = values[window] - (powers @ coefficients[..., None])[..., 0]
-    return _Continued(coefficients[:, 0], coefficients[:, 1] / scale, np.sum(off ** 2, axis=1), np.sum(inverse[:, 0] ** 2, axis=1))
+    return _Continued(coefficients[:, 0], coefficients[:, 1] / scale, np.sum(off ** 2, axis=1),
+                      np.sum(inverse[:, 0] ** 2, axis=1))

@@ -42,20 +42,10 @@ ONE, OPTIONAL, SEVERAL = "one", "at most one", "any number"
 
 
 class Part:
-    """An element of a mechanism: its class, and the roles of the bodies that it connects or acts on, in its order.
+    """An element of a mechanism: its class, and the roles of the bodies that it connects or acts on, in their order.
 
-    Parameters
-    ----------
-    name
-        Its name; any where None.
-    count
-        `ONE`, `OPTIONAL` or `SEVERAL`.
-    any_order
-        The bodies may stand in either order.
-    where
-        A condition on the whole element.
-    fields
-        Requirement on each field: a `Condition`, a class, a value, or a tuple of these.
+    Any name fits where `name` is None. With `any_order` the bodies may stand in either order. `where` is a condition on
+    the whole element; the requirement on each of the `fields` is a `Condition`, a class, a value, or a tuple of these.
     """
 
     def __init__(self, kind: type, *bodies: str, name: str | None = None, count: str = ONE, any_order: bool = False,
@@ -67,10 +57,9 @@ class Part:
         """Return the bodies by role, with those of an element; None where the element is another part."""
         if not isinstance(element, self.kind) or self.name not in (None, name):
             return None
-        found = _bodies(element)
+        found, bound = _bodies(element), dict(roles)
         if self.any_order and found[0] != self.bodies[0]:
             found = found[::-1]
-        bound = dict(roles)
         for role, body in zip(self.bodies, found):
             if (role == GROUND) != (body == GROUND) or bound.setdefault(role, body) != body:
                 return None
@@ -102,18 +91,10 @@ class Match:
 
 @dataclass(frozen=True)
 class Structure:
-    """A mechanism, as the scenes that declare it.
+    """A mechanism (in messages: "a pendulum"), as the scenes that declare it.
 
-    Attributes
-    ----------
-    mechanism : str
-        For messages: "a pendulum".
-    bodies : tuple of str
-        Roles of its bodies: their names, unless `any_names`.
-    parts : Mapping[str, Part]
-        All its other elements, by a label.
-    gravity : object
-        What the gravity of the scene must be, as a field of a `Part`.
+    `bodies` are the roles of its bodies, which are their names unless `any_names`; `parts` all its other elements by a
+    label; `gravity` is the requirement on the scene's, as on a field of a `Part`.
     """
 
     mechanism: str
@@ -123,13 +104,7 @@ class Structure:
     any_names: bool = False
 
     def match(self, scene: Scene) -> Match:
-        """Find the parts in a scene.
-
-        Raises
-        ------
-        NotThisMechanism
-            Naming everything that keeps the scene from being this mechanism.
-        """
+        """Find the parts in a scene; raises NotThisMechanism, naming everything that does not fit."""
         roles: Mapping[str, str] = {name: name for name in (GROUND, *(() if self.any_names else self.bodies))}
         faults = list(_misfit("gravity", scene.gravity, self.gravity))
         if len(scene.bodies) != len(self.bodies) or not (self.any_names or set(scene.bodies) == set(self.bodies)):

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from stiction.scenes import Event, InputError, StictionError
+from stiction.scenes import Event, InputError, Scene, StictionError
 
 PROVEN = "proven"
 CLOSED_FORM = "closed form"
 HIGH_PRECISION = "independent high-precision solution"
 PUBLISHED = "published"
-
 NO_TRUTH = "none"
 """Tier where nothing is known; the note says why."""
-
 SIDES = ("before", "after")
-
+EPS = np.finfo(float).eps
+_BODY_COLUMNS = ("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")
 SAMPLES = 2401
 """Instants at which the truth of a stored run is known, over the whole of its time: every 10 ms of 24 s."""
+
+Columns = Callable[[np.ndarray, str], dict[str, np.ndarray]]
+"""``columns(t, side)`` with t of shape (n,) and side of `SIDES`: the columns by name."""
 
 
 class TruthRefused(StictionError):
@@ -44,7 +46,6 @@ class Truth:
     t_end : float
         Seconds; valid for 0 <= t <= t_end.
     columns : callable
-        ``columns(t, side)`` with t of shape (n,) and side of `SIDES`: the columns by name.
     uncertainty : Mapping[str, float]
         By column: the largest error to be expected between events; ``"event time"``: that of the events.
     events : tuple of Event
@@ -62,10 +63,10 @@ class Truth:
     scene: str
     tier: str
     t_end: float
-    columns: Callable[[np.ndarray, str], dict[str, np.ndarray]]
+    columns: Columns
     uncertainty: Mapping[str, float]
     events: tuple[Event, ...] = ()
-    jump_closed_form: np.ndarray | None = field(default=None)
+    jump_closed_form: np.ndarray | None = None
     note: str = ""
     tier_below: str = ""
     guides: frozenset[str] | None = None
@@ -77,11 +78,31 @@ class Truth:
 
     @classmethod
     def unknown(cls, scene: str, t_end: float, note: str) -> Truth:
-        """A truth without columns and events, where no tier has an answer."""
+        """Return a truth without columns and events, where no tier has an answer."""
         return cls(scene, NO_TRUTH, t_end, lambda t, side: {}, {}, note=note)
 
+    @classmethod
+    def of_formulas(cls, scene: Scene, t_end: float, columns: Columns, rounding: float, samples: int,
+                    switches: Sequence[tuple[float, str, str]] | None = None) -> Truth:
+        """Return the closed form of a motion as a Truth.
+
+        `rounding` is the error of a column relative to 1 and its largest size at `samples` instants, and that of the
+        times of events relative to 1 s and `t_end`. `switches` are time, kind and guide of each event, None for a
+        motion without friction.
+        """
+        found = columns(np.linspace(0, t_end, samples), "after")
+        uncertainty = {name: rounding * float(1 + np.max(np.abs(values))) for name, values in found.items()}
+        if switches is not None:
+            uncertainty["event time"] = rounding * max(t_end, 1.0)
+        events = []
+        for time, kind, guide in switches or ():
+            sides = (columns(np.array([time]), side) for side in SIDES)
+            before, after = ({name: float(values[0]) for name, values in side.items()} for side in sides)
+            events.append(Event(time, kind, guide, before, after))
+        return cls(scene.name, CLOSED_FORM, t_end, columns, uncertainty, tuple(events))
+
     def __call__(self, t: np.ndarray | float, side: str = "after") -> dict[str, np.ndarray]:
-        """The columns of a Trajectory at times t; `side` says which value holds at an event itself.
+        """Return the columns of a Trajectory at times t; `side` says which value holds at an event itself.
 
         Raises
         ------
@@ -95,3 +116,9 @@ class Truth:
         if not np.all((t >= -rounding) & (t <= self.t_end + rounding)):
             raise ValueError(f"t: found {t.min():g} .. {t.max():g} s; expected times within 0 .. {self.t_end:g} s")
         return self.columns(np.clip(t, 0.0, self.t_end), side)
+
+
+def body_columns(body: str, *motion: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the columns of a body: x, y and, where it turns, the angle, of position, velocity and acceleration."""
+    return {f"{body}.{name}": values for names, column in zip(_BODY_COLUMNS, motion)
+            for name, values in zip(names, column)}

@@ -7,12 +7,13 @@ horizontal this is: it sticks where tan(beta) <= mus, and slides with g (sin bet
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from stiction.comparisons.truth.closed_form.truth_of_formulas import EPS, truth_of_formulas
 from stiction.comparisons.truth.reduced.slider_contact import Contact
 from stiction.comparisons.truth.structure import CENTRE, Condition, Part, Structure
-from stiction.comparisons.truth.truth import Truth
+from stiction.comparisons.truth.truth import EPS, Truth, body_columns
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Translational
@@ -22,56 +23,54 @@ INCLINE = Structure("a block on an incline", ("block",), {
 }, gravity=Condition("a vector", lambda gravity: gravity is not None), any_names=True)
 
 
-def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """The motion of a block that nothing but gravity and a straight fixed guide with friction acts on.
+class _Phase(NamedTuple):
+    """Constant acceleration a along the guide from (start, x, v) on; `slip` is its direction, 0 at rest."""
 
-    Raises
-    ------
-    NotThisMechanism
-        If the scene has another structure.
-    NoMotion
-        Where a self-locking guide can slip or jam.
-    """
+    start: float
+    x: float
+    v: float
+    a: float
+    slip: int
+
+
+def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
+    """Return the motion of a block that nothing but gravity and a straight fixed guide with friction acts on."""
     found = INCLINE.match(scene)
-    name, guide, body_name = found.name("guide"), found["guide"], found.bodies["block"]
-    body = scene.bodies[body_name]
+    name, guide, block = found.name("guide"), found["guide"], found.bodies["block"]
+    body, contact = scene.bodies[block], Contact.of(guide)
     t_end = scene.t_end if t_end is None else t_end
     direction = np.array(guide.direction) / np.hypot(*guide.direction)
-    across = np.array([-direction[1], direction[0]])
-    gravity, contact = np.array(scene.gravity), Contact.of(guide)
+    across, gravity = np.array([-direction[1], direction[0]]), np.array(scene.gravity)
     pull, R = body.mass * gravity @ direction, -body.mass * gravity @ across
 
     def capacity(coefficient: float) -> float:
         return float(contact.capacity(R, 0.0, coefficient))
 
-    def phase(start: float, x: float, v: float) -> tuple[float, float, float, float, int]:
+    def phase(start: float, x: float, v: float) -> _Phase:
         slip = int(np.sign(v)) or (int(np.sign(pull)) if abs(pull) > capacity(contact.mus) else 0)
         if v == 0 and slip:
             contact.require_unique_slip(start)
         a = (pull - slip * capacity(contact.mu)) / body.mass if slip else 0.0
-        return start, x, v, a, slip
+        return _Phase(start, x, v, a, slip)
 
     position = np.array(body.position) - np.array(guide.point)
-    motion = [phase(0.0, float(position @ direction), float(np.array(body.velocity) @ direction))]
-    start, x, v, a, _ = motion[0]
-    if v * a < 0:
-        stop = -v / a
-        motion.append(phase(stop, x - v * v / (2 * a), 0.0))
+    first = phase(0.0, float(position @ direction), float(np.array(body.velocity) @ direction))
+    motion = [first]
+    if first.v * first.a < 0:
+        motion.append(phase(-first.v / first.a, first.x - first.v * first.v / (2 * first.a), 0.0))
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        owner = np.searchsorted([p[0] for p in motion[1:]], t, side="right" if side == "after" else "left")
-        start, x0, v0, a, slip = (np.array(column)[owner] for column in zip(*motion))
-        since = t - start
-        s, v = x0 + v0 * since + a * since ** 2 / 2, v0 + a * since
-        friction = np.where(slip != 0, -slip * capacity(contact.mu), -pull)
-        phi = contact.mobilization(R, 0.0, friction)
-        joint = contact.columns(name, np.full(len(t), R), np.zeros(len(t)), phi, slip.astype(float), displacement=s,
-                                slip_velocity=v)
+        owner = np.searchsorted([later.start for later in motion[1:]], t, side="right" if side == "after" else "left")
+        now = _Phase(*(np.array(column)[owner] for column in zip(*motion)))
+        since = t - now.start
+        s, v = now.x + now.v * since + now.a * since ** 2 / 2, now.v + now.a * since
+        friction = np.where(now.slip != 0, -now.slip * capacity(contact.mu), -pull)
         offset = np.array(guide.point) + (position @ across) * across
-        values = {f"{body_name}.{c}": offset[i] + direction[i] * s for i, c in enumerate("xy")}
-        values |= {f"{body_name}.v{c}": direction[i] * v for i, c in enumerate("xy")}
-        values |= {f"{body_name}.a{c}": direction[i] * a for i, c in enumerate("xy")}
-        return values | joint
+        d = direction[:, None]
+        return body_columns(block, offset[:, None] + d * s, d * v, d * now.a) | contact.columns(
+            name, np.full(len(t), R), np.zeros(len(t)), contact.mobilization(R, 0.0, friction), now.slip.astype(float),
+            displacement=s, slip_velocity=v)
 
-    switches = [(time, "reversal" if slip else "stick", name) for time, *_, slip in motion[1:] if time < t_end]
-    return truth_of_formulas(scene, t_end, columns, 8 * EPS, 200, switches)
+    switches = [(later.start, "reversal" if later.slip else "stick", name) for later in motion[1:]
+                if later.start < t_end]
+    return Truth.of_formulas(scene, t_end, columns, 8 * EPS, 200, switches)

@@ -14,9 +14,8 @@ from __future__ import annotations
 import numpy as np
 
 from stiction.comparisons.truth.closed_form.pendulum import elliptic_rounding, pendulum_angle
-from stiction.comparisons.truth.closed_form.truth_of_formulas import truth_of_formulas
 from stiction.comparisons.truth.structure import NEGATIVE, Part, Structure
-from stiction.comparisons.truth.truth import Truth
+from stiction.comparisons.truth.truth import Truth, body_columns
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute
@@ -35,13 +34,7 @@ def _row(loops: int, length: float) -> Structure:
 
 
 def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """The motion of bodies `upright-0` .. `upright-N`, `coupler-1` .. `coupler-N`, alike and upright at the start.
-
-    Raises
-    ------
-    NotThisMechanism
-        If the scene has other bodies, unequal ones, or more than gravity and pins.
-    """
+    """Return the motion of `upright-0` .. `upright-N`, `coupler-1` .. `coupler-N`, alike and upright at the start."""
     t_end = scene.t_end if t_end is None else t_end
     loops = (len(scene.bodies) - 1) // 2
     arms = [abs(pin.points[0][0]) for pin in scene.joints.values() if isinstance(pin, Revolute)]
@@ -53,26 +46,20 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     if any(body.mass != bar.mass or abs(body.inertia - uniform) >= 1e-12 for body in scene.bodies.values()):
         raise row.misfit(scene, f"bodies: expected uniform bars alike, of {bar.mass:g} kg and {length:g} m")
     w = float(np.sqrt(g / length * ((loops + 1) / 2 + loops) / ((loops + 1) / 3 + loops)))
-    start, rate = bar.angle, bar.angular_velocity
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        psi, omega, alpha = pendulum_angle(t, w, start + np.pi / 2, rate)
+        psi, omega, alpha = pendulum_angle(t, w, bar.angle + np.pi / 2, bar.angular_velocity)
         th = psi - np.pi / 2
         along, across = np.array([np.cos(th), np.sin(th)]), np.array([-np.sin(th), np.cos(th)])
         tip, tip_v = length * along, length * omega * across
         tip_a = length * (alpha * across - omega ** 2 * along)
-        values = {}
+        values, zero = {}, np.zeros_like(t)
         for i in range(loops + 1):
             centre = np.array([[i * length], [0]]) + tip / 2
-            values |= _planar(f"upright-{i}", centre, tip_v / 2, tip_a / 2, th, omega, alpha)
+            values |= body_columns(f"upright-{i}", (*centre, th), (*tip_v / 2, omega), (*tip_a / 2, alpha))
         for i in range(loops):
             centre = np.array([[(i + 0.5) * length], [0]]) + tip
-            values |= _planar(f"coupler-{i + 1}", centre, tip_v, tip_a, *(np.zeros((3, len(t)))))
+            values |= body_columns(f"coupler-{i + 1}", (*centre, zero), (*tip_v, zero), (*tip_a, zero))
         return values
 
-    return truth_of_formulas(scene, t_end, columns, elliptic_rounding(w * t_end), 500)
-
-
-def _planar(name: str, x: np.ndarray, v: np.ndarray, a: np.ndarray, angle, omega, alpha) -> dict[str, np.ndarray]:
-    return {f"{name}.x": x[0], f"{name}.y": x[1], f"{name}.angle": angle, f"{name}.vx": v[0], f"{name}.vy": v[1],
-            f"{name}.omega": omega, f"{name}.ax": a[0], f"{name}.ay": a[1], f"{name}.alpha": alpha}
+    return Truth.of_formulas(scene, t_end, columns, elliptic_rounding(w * t_end), 500)

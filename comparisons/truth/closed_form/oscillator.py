@@ -16,11 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stiction.comparisons.truth.closed_form.truth_of_formulas import EPS, truth_of_formulas
 from stiction.comparisons.truth.reduced.slider_contact import Contact
 from stiction.comparisons.truth.structure import (ANY, CENTRE, FORWARD, OPTIONAL, POSITIVE, PULLS_ALONG_X, Match,
                                                   Part, Structure)
-from stiction.comparisons.truth.truth import Truth
+from stiction.comparisons.truth.truth import EPS, Truth
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine
@@ -42,14 +41,9 @@ _STARTING = 1e-6
 
 def first_zero(function: Callable[[float], tuple[float, float, float]], bound: float, start: float,
                end: float) -> float:
-    """First t >= start at which a positive function reaches zero; inf if it does not before end.
+    """Find the first t >= start at which a positive function reaches zero; inf if it does not before end.
 
-    Parameters
-    ----------
-    function
-        Value, first and second derivative at t.
-    bound
-        On the third derivative.
+    The function gives its value, first and second derivative; `bound` is that of the third.
     """
     t = start
     while t < end:
@@ -140,7 +134,7 @@ class Phase:
         return o.stiffness * (self.derivative(t, 0) - o.anchor) - o.forcing(t)
 
     def close(self, t_end: float) -> Phase:
-        """The phase with its end: relative velocity zero in slip, static friction exhausted in stick."""
+        """Return the phase with its end: relative velocity zero in slip, static friction exhausted in stick."""
         o = self.oscillator
         if self.slip:
             _, forced, cosine, sine = self._slip_solution()
@@ -158,23 +152,20 @@ class Phase:
         return replace(self, end=end)
 
     def next(self) -> Phase:
-        """The phase that follows at the end of this one."""
+        """Return the phase that follows at the end of this one."""
         o = self.oscillator
         x = float(self.derivative(self.end, 0))
         needed = float(replace(self, slip=0, start=self.end, x=x).friction(self.end))
-        away = -int(np.sign(needed))
         sticks = self.slip != 0 and abs(needed) < o.capacity(o.contact.mus)
         if not sticks:
             o.contact.require_unique_slip(self.end)
-        return Phase(o, 0 if sticks else away, self.end, x, o.speed)
+        return Phase(o, 0 if sticks else -int(np.sign(needed)), self.end, x, o.speed)
 
 
-def phases(oscillator: DryOscillator, t_end: float) -> list[Phase]:
-    """The motion from its start to t_end."""
-    o = oscillator
-    relative = int(np.sign(o.v - o.speed))
-    first = Phase(o, relative, 0.0, o.x, o.v)
-    if relative == 0:
+def phases(o: DryOscillator, t_end: float) -> list[Phase]:
+    """Return the motion of an oscillator from its start to t_end."""
+    first = Phase(o, int(np.sign(o.v - o.speed)), 0.0, o.x, o.v)
+    if first.slip == 0:
         first = replace(first, slip=1, end=0.0).next()
     found = [first.close(t_end)]
     while found[-1].end < t_end:
@@ -183,13 +174,7 @@ def phases(oscillator: DryOscillator, t_end: float) -> list[Phase]:
 
 
 def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """The motion of a mass on a spring with dry friction, on a fixed guide or on a belt.
-
-    Raises
-    ------
-    NotThisMechanism
-        If the scene has the structure of neither, or the forcing is at resonance.
-    """
+    """Return the motion of a mass on a spring with dry friction, on a fixed guide or on a belt, off resonance."""
     t_end = scene.t_end if t_end is None else t_end
     structure = ON_BELT if len(scene.bodies) == 2 else ON_GROUND
     found = structure.match(scene)
@@ -210,11 +195,9 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
                        f"{found.name('drive')}.effort": friction}
         return values
 
-    switches = []
-    for before, after in zip(motion, motion[1:]):
-        kind = "stick" if after.slip == 0 else "slip" if before.slip == 0 else "reversal"
-        switches.append((after.start, kind, guide))
-    return truth_of_formulas(scene, t_end, columns, 8 * EPS * len(motion), 2000, switches)
+    switches = [(after.start, "stick" if after.slip == 0 else "slip" if before.slip == 0 else "reversal", guide)
+                for before, after in zip(motion, motion[1:])]
+    return Truth.of_formulas(scene, t_end, columns, 8 * EPS * len(motion), 2000, switches)
 
 
 def _sampled(motion: list[Phase], t: np.ndarray, side: str) -> np.ndarray:
@@ -224,29 +207,26 @@ def _sampled(motion: list[Phase], t: np.ndarray, side: str) -> np.ndarray:
     values = np.empty((5, len(t)))
     for i in np.unique(owner):
         phase, where = motion[i], owner == i
-        for order in range(3):
-            values[order, where] = phase.derivative(t[where], order)
-        values[3, where] = phase.friction(t[where])
-        values[4, where] = phase.slip
+        at = t[where]
+        values[:, where] = [*(phase.derivative(at, order) for order in range(3)), phase.friction(at),
+                            np.full(len(at), phase.slip)]
     return values
 
 
 def _oscillator(scene: Scene, structure: Structure, found: Match) -> DryOscillator:
     """The parameters of a scene."""
-    body, guide, spring, force = scene.bodies[found.bodies["mass"]], found["guide"], found["spring"], found["force"]
+    body, spring = scene.bodies[found.bodies["mass"]], found["spring"]
     if spring.axis is None and spring.points[1][1] != body.position[1]:
         raise structure.misfit(scene, f"{found.name('spring')}: expected both of its ends at the same height")
-    offset, amplitude, frequency, phase = 0.0, 0.0, 0.0, 0.0
-    if force and isinstance(force.law, Sine):
-        offset, amplitude = force.law.offset, force.law.amplitude
-        frequency, phase = force.law.frequency, force.law.phase
-    elif force:
-        offset = force.law.value
-    resonance = spring.stiffness - body.mass * frequency ** 2
-    if amplitude and abs(resonance) <= 1e-6 * spring.stiffness:
+    load = found["force"] and found["force"].law
+    if isinstance(load, Sine):
+        offset, amplitude, frequency, phase = load.offset, load.amplitude, load.frequency, load.phase
+    else:
+        offset, amplitude, frequency, phase = load.value if load else 0.0, 0.0, 0.0, 0.0
+    if amplitude and abs(spring.stiffness - body.mass * frequency ** 2) <= 1e-6 * spring.stiffness:
         raise structure.misfit(scene, f"{found.name('force')}: found resonance; expected Omega != wn")
-    gravity = scene.gravity or (0.0, 0.0)
+    gx, gy = scene.gravity or (0.0, 0.0)
     return DryOscillator(body.mass, spring.stiffness, spring.points[1][0] + spring.rest_length,
-                         offset + body.mass * gravity[0], amplitude, frequency, phase,
-                         found["drive"].law.rate if structure is ON_BELT else 0.0, -body.mass * gravity[1],
-                         Contact.of(guide), body.position[0], body.velocity[0])
+                         offset + body.mass * gx, amplitude, frequency, phase,
+                         found["drive"].law.rate if structure is ON_BELT else 0.0, -body.mass * gy,
+                         Contact.of(found["guide"]), body.position[0], body.velocity[0])

@@ -13,9 +13,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ellipj, ellipkinc
 
-from stiction.comparisons.truth.closed_form.truth_of_formulas import EPS, truth_of_formulas
 from stiction.comparisons.truth.structure import ANY, CENTRE, NEGATIVE, Part, Structure
-from stiction.comparisons.truth.truth import NotThisMechanism, Truth
+from stiction.comparisons.truth.truth import EPS, NotThisMechanism, Truth, body_columns
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant
@@ -27,21 +26,10 @@ PENDULUM = Structure("a pendulum", ("mass",), {
 
 
 def pendulum_angle(t: np.ndarray, w: float, angle: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Angle from the lowest position, its rate and acceleration, each of shape (n,).
+    """Return the angle from the lowest position, its rate and acceleration at times t (s), each of shape (n,).
 
-    Parameters
-    ----------
-    t
-        Seconds, shape (n,).
-    w
-        Frequency of small swings, rad/s.
-    angle, rate
-        At t = 0; |angle| <= pi.
-
-    Raises
-    ------
-    NotThisMechanism
-        On the separatrix (k = 1 to 1e-9), where the closed form degenerates.
+    w is the frequency of small swings (rad/s); angle and rate are those at t = 0, |angle| <= pi. NotThisMechanism is
+    raised on the separatrix (k = 1 to 1e-9), where the closed form degenerates.
     """
     k = np.hypot(np.sin(angle / 2), rate / (2 * w))
     if abs(k - 1) < 1e-9:
@@ -61,18 +49,12 @@ def pendulum_angle(t: np.ndarray, w: float, angle: float, rate: float) -> tuple[
 
 
 def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """A point mass at constant distance from a point of the ground.
-
-    Raises
-    ------
-    NotThisMechanism
-        If the scene is anything else.
-    """
+    """Return the motion of a point mass at constant distance from a point of the ground."""
     found = PENDULUM.match(scene)
     t_end = scene.t_end if t_end is None else t_end
-    body_name, drive_name, drive = found.bodies["mass"], found.name("rod"), found["rod"]
-    body = scene.bodies[body_name]
-    length, g, pivot = drive.law.value, -scene.gravity[1], np.array(drive.points[1])
+    name, rod = found.bodies["mass"], found["rod"]
+    body = scene.bodies[name]
+    length, g, pivot = rod.law.value, -scene.gravity[1], np.array(rod.points[1])
     arm = np.array(body.position) - pivot
     rate = (arm[0] * body.velocity[1] - arm[1] * body.velocity[0]) / length ** 2
     angle, w = float(np.arctan2(arm[0], -arm[1])), float(np.sqrt(g / length))
@@ -80,13 +62,12 @@ def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         psi, psi_t, psi_tt = pendulum_angle(t, w, angle, rate)
         sin, cos = np.sin(psi), np.cos(psi)
-        return {f"{body_name}.x": pivot[0] + length * sin, f"{body_name}.y": pivot[1] - length * cos,
-                f"{body_name}.vx": length * psi_t * cos, f"{body_name}.vy": length * psi_t * sin,
-                f"{body_name}.ax": length * (psi_tt * cos - psi_t ** 2 * sin),
-                f"{body_name}.ay": length * (psi_tt * sin + psi_t ** 2 * cos),
-                f"{drive_name}.effort": -body.mass * (length * psi_t ** 2 + g * cos)}
+        values = body_columns(name, (pivot[0] + length * sin, pivot[1] - length * cos),
+                              (length * psi_t * cos, length * psi_t * sin),
+                              (length * (psi_tt * cos - psi_t ** 2 * sin), length * (psi_tt * sin + psi_t ** 2 * cos)))
+        return values | {f"{found.name('rod')}.effort": -body.mass * (length * psi_t ** 2 + g * cos)}
 
-    return truth_of_formulas(scene, t_end, columns, elliptic_rounding(w * t_end), 500)
+    return Truth.of_formulas(scene, t_end, columns, elliptic_rounding(w * t_end), 500)
 
 
 def elliptic_rounding(cycles: float) -> float:

@@ -19,9 +19,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.comparisons.truth.closed_form.truth_of_formulas import EPS, truth_of_formulas
 from stiction.comparisons.truth.structure import CENTRE, FORWARD, Condition, Match, Part, Structure
-from stiction.comparisons.truth.truth import Truth
+from stiction.comparisons.truth.truth import EPS, Truth, body_columns
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Linear
@@ -37,13 +36,7 @@ SLIDER_CRANK = Structure("a slider-crank at constant speed", ("crank", "rod", "s
 
 
 def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """Motion, motor torque and reactions of bodies `crank`, `rod`, `slider` (joints and drive by what they connect).
-
-    Raises
-    ------
-    NotThisMechanism
-        If the scene has another structure, pins off the bars' x axes or l <= r + |h - p_y|.
-    """
+    """Return motion, motor torque and reactions of `crank`, `rod`, `slider`, whose pins lie on the bars' x axes."""
     t_end = scene.t_end if t_end is None else t_end
     found = SLIDER_CRANK.match(scene)
     p, r1, r, l1, l = _lengths(scene, found)
@@ -52,7 +45,7 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
     motor, guide, pin = found.name("motor"), found.name("guide"), found.name("slider pin")
     pin_sign = 1 if found["slider pin"].bodies[0] == "rod" else -1
     gravity = np.array(scene.gravity or (0.0, 0.0))[:, None]
-    bodies = {name: scene.bodies[name] for name in ("crank", "rod", "slider")}
+    arms = {"crank": (r1, 0.0), "rod": (r, l1), "slider": (r, l)}
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         th = th0 + w * t
@@ -65,28 +58,25 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
         zero = np.zeros_like(t)
         angles = {"crank": (th, zero + w, zero, 1.0), "rod": (phi, omega, alpha, phi_th),
                   "slider": (zero, zero, zero, 0.0)}
-        arms = {"crank": (r1, 0.0), "rod": (r, l1), "slider": (r, l)}
         values: dict[str, np.ndarray] = {}
         torque, inertia_force = zero.copy(), {}
         for name, (on_crank, on_rod) in arms.items():
+            body, (angle, rate, acceleration, by_th) = scene.bodies[name], angles[name]
             position = p[:, None] + on_crank * _unit(th) + on_rod * _unit(phi)
             partial = on_crank * _normal(th) + on_rod * phi_th * _normal(phi)
             a = -on_crank * w * w * _unit(th) + on_rod * (alpha * _normal(phi) - omega ** 2 * _unit(phi))
-            angle, rate, acceleration, by_th = angles[name]
-            for i, c in enumerate("xy"):
-                values |= {f"{name}.{c}": position[i], f"{name}.v{c}": w * partial[i], f"{name}.a{c}": a[i]}
-            values |= {f"{name}.angle": angle, f"{name}.omega": rate, f"{name}.alpha": acceleration}
-            inertia_force[name] = bodies[name].mass * (a - gravity)
-            torque += np.sum(inertia_force[name] * partial, axis=0) + bodies[name].inertia * acceleration * by_th
+            values |= body_columns(name, (*position, angle), (*w * partial, rate), (*a, acceleration))
+            inertia_force[name] = body.mass * (a - gravity)
+            torque += np.sum(inertia_force[name] * partial, axis=0) + body.inertia * acceleration * by_th
         fx = -inertia_force["slider"][0]
-        moment = bodies["rod"].inertia * alpha + l1 * (np.cos(phi) * inertia_force["rod"][1]
-                                                       - np.sin(phi) * inertia_force["rod"][0])
+        moment = scene.bodies["rod"].inertia * alpha + l1 * (np.cos(phi) * inertia_force["rod"][1]
+                                                             - np.sin(phi) * inertia_force["rod"][0])
         fy = (moment / l + np.sin(phi) * fx) / np.cos(phi)
         return values | {f"{motor}.effort": torque, f"{guide}.normal_force": fy + inertia_force["slider"][1],
                          f"{pin}.fx": pin_sign * fx, f"{pin}.fy": pin_sign * fy}
 
     rounding = 20 * EPS * (1 + abs(w) * t_end)  # th carries the rounding of w t
-    return truth_of_formulas(scene, t_end, columns, rounding, 1000)
+    return Truth.of_formulas(scene, t_end, columns, rounding, 1000)
 
 
 def _unit(angle: np.ndarray) -> np.ndarray:

@@ -18,15 +18,7 @@ from scipy.optimize import minimize_scalar
 
 @dataclass(frozen=True)
 class StickSlipCycle:
-    """The steady cycle.
-
-    Attributes
-    ----------
-    stick_time, slip_time : float
-        Seconds.
-    amplitude : float
-        Of the swing about mu N / k, m.
-    """
+    """The steady cycle: seconds of stick and of slip, and amplitude (m) of the swing about mu N / k."""
 
     stick_time: float
     slip_time: float
@@ -35,12 +27,9 @@ class StickSlipCycle:
 
 def stick_slip_cycle(mass: float, stiffness: float, speed: float, mu: float, mus: float,
                      normal: float) -> StickSlipCycle:
-    """Closed form of the cycle: 2 D/(k v0), (2/w)(pi - arctan(w D/(k v0))), sqrt((D/k)^2 + (v0/w)^2).
+    """Return the cycle: 2 D/(k v0), (2/w)(pi - arctan(w D/(k v0))), sqrt((D/k)^2 + (v0/w)^2).
 
-    Raises
-    ------
-    ValueError
-        Without mus > mu or without a moving belt: there is no cycle.
+    ValueError is raised without mus > mu or a moving belt: there is no cycle.
     """
     if not (mus > mu >= 0 and speed != 0):
         raise ValueError(f"found mu = {mu:g}, mus = {mus:g}, speed = {speed:g}; "
@@ -52,15 +41,10 @@ def stick_slip_cycle(mass: float, stiffness: float, speed: float, mu: float, mus
 
 
 def non_stop_peak(r: float, b: float) -> float:
-    """Largest displacement over P/k of the steady motion without stops: sqrt(V^2 - b^2 U^2).
+    """Return the largest displacement over P/k of the steady motion without stops: sqrt(V^2 - b^2 U^2).
 
-    Valid for r > 0 except 1 and 1/n with odd n (poles of V and U) and b up to `non_stop_limit`. At r = 1/n with
-    even n, U = 0 and the peak does not depend on b.
-
-    Raises
-    ------
-    ValueError
-        Outside of that domain.
+    Valid for r > 0 except 1 and 1/n with odd n (poles of V and U) and b up to `non_stop_limit`; else a ValueError. At
+    r = 1/n with even n, U = 0 and the peak does not depend on b.
     """
     limit = non_stop_limit(r)
     if not 0 <= b <= limit:
@@ -70,15 +54,10 @@ def non_stop_peak(r: float, b: float) -> float:
 
 
 def non_stop_limit(r: float) -> float:
-    """Largest b = mu N / P for which the steady motion has no stops: |V| / sqrt(U^2 + (S / r^2)^2).
+    """Return the largest b = mu N / P for which the steady motion has no stops: |V| / sqrt(U^2 + (S / r^2)^2).
 
     S = max over 0 < s < pi of [r sin(s/r) + U r^2 (cos s - cos(s/r))] / sin s, whose limits are 1 at 0, where the
-    motion reverses, and -1 at pi.
-
-    Raises
-    ------
-    ValueError
-        Where V or U has a pole: r <= 0, r = 1 and r = 1/n with odd n.
+    motion reverses, and -1 at pi. ValueError is raised where V or U has a pole: r <= 0, r = 1 and r = 1/n with odd n.
     """
     V, U = _response(r)
 

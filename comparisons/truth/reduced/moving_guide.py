@@ -23,7 +23,7 @@ import numpy as np
 from stiction.comparisons.truth.reduced.slider_contact import Contact, Mode, SingleSlider
 from stiction.comparisons.truth.reduced.truth_of_motion import truth_of
 from stiction.comparisons.truth.structure import ANY, CENTRE, FORWARD, ON_X_AXIS, OPTIONAL, Part, Structure
-from stiction.comparisons.truth.truth import Truth
+from stiction.comparisons.truth.truth import Truth, body_columns
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Linear
@@ -85,20 +85,17 @@ class MovingGuide(SingleSlider):
         return np.array([radial, self.angular_acceleration(q, v)])
 
     def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
-        """All columns within a mode, by the names of a Trajectory."""
         pivot, guide, drive = self.names
         acceleration = self.acceleration(t, q, v, mode)
         (r, th), (rv, w), (ra, alpha) = q, v, acceleration
         cos, sin, zero = np.cos(th), np.sin(th), np.zeros_like(t)
         e, n = np.array([cos, sin]), np.array([-sin, cos])
         velocity, a = rv * e + r * w * n, (ra - r * w * w) * e + (r * alpha + 2 * rv * w) * n
-        values = {"arm.x": zero + self.pivot[0], "arm.y": zero + self.pivot[1], "arm.vx": zero, "arm.vy": zero,
-                  "arm.ax": zero, "arm.ay": zero}
+        px, py = self.pivot
+        values = {**body_columns("arm", (zero + px, zero + py, th), (zero, zero, w), (zero, zero, alpha)),
+                  **body_columns("slider", (px + r * cos, py + r * sin, th), (*velocity, w), (*a, alpha))}
         for i, c in enumerate("xy"):
-            values |= {f"slider.{c}": self.pivot[i] + r * e[i], f"slider.v{c}": velocity[i], f"slider.a{c}": a[i],
-                       f"{pivot}.f{c}": self.m * a[i] - (self.m + self.arm_mass) * self.gravity[i]}
-        for body in ("arm", "slider"):
-            values |= {f"{body}.angle": th, f"{body}.omega": w, f"{body}.alpha": alpha}
+            values[f"{pivot}.f{c}"] = self.m * a[i] - (self.m + self.arm_mass) * self.gravity[i]
         if drive is not None:
             R, M, _ = self.loads(t, q, v)
             values[f"{drive}.effort"] = M + r * R - self._twist(q, v)
@@ -115,15 +112,7 @@ TURNING_ARM = Structure("a slider on a turning arm", ("arm", "slider"), {
 
 
 def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """The motion of bodies `arm` and `slider`.
-
-    Raises
-    ------
-    NotThisMechanism
-        If the scene has another structure.
-    NoMotion
-        Where the equations have no motion or several.
-    """
+    """Return the motion of bodies `arm` and `slider`."""
     found = TURNING_ARM.match(scene)
     arm, slider = scene.bodies["arm"], scene.bodies["slider"]
     motor, spring, twist = found["motor"], found["spring"], found["twist"]

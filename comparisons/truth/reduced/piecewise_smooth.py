@@ -17,7 +17,7 @@ zero, or for break-away without a jump (mus = mu).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,16 +30,17 @@ TRIAL_STEPS = (1e-6, 1e-5)
 """Seconds; the longer where no mode holds for the shorter, as when a slider would stick for less than that.
 
 Two changes of mode closer than this are taken as one: an error of position below 1e-10 (usually 1e-12) jumps of q''.
-These and the times below hold for motions up to `FAST`; for faster ones they are shorter in proportion.
+These and the times below hold for motions up to `_FAST`; for faster ones they are shorter in proportion.
 """
-FAST = 10.0  # rad/s
+_FAST = 10.0  # rad/s
 _SHORTEST_STEP = 1e-9
 _JUNCTION = 1e-12  # a root this close before a step belongs to it: rounding at the junction of two steps
 _PICARD_LIMIT = 60
 _SAME = 1e-6  # relative; accelerations of two modes that are one motion (a tie of signs) differ by rounding only
 _NOISE = 5e-14  # relative to max |q''| and what cancels in it: some hundred roundings
 _ROUNDING = np.finfo(float).eps
-_HALVINGS = 12  # parts of a step in which a double root is not told from none by bounds; then by eigenvalues
+_HALVINGS = 12  # after these, where bounds cannot separate a double root from none, eigenvalues decide
+_SWITCH_LIMIT = 100_000
 
 
 class Undecided(TruthRefused):
@@ -47,13 +48,7 @@ class Undecided(TruthRefused):
 
 
 class NoMotion(TruthRefused):
-    """The equations have no motion, or more than one, from some instant on.
-
-    Attributes
-    ----------
-    time : float
-        That instant, s.
-    """
+    """The equations have no motion, or more than one, from some instant `time` (s) on."""
 
     def __init__(self, reason: str, time: float):
         super().__init__(f"{reason} at t = {time:.9f} s")
@@ -70,10 +65,6 @@ class PiecewiseMechanism(ABC):
     def acceleration(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Hashable) -> np.ndarray:
         """q'' in a mode, shape (n, k); must continue smoothly somewhat beyond the end of the mode."""
 
-    def equation(self, t: np.ndarray, mode: Hashable) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-        """q''(q, v) of a mode at fixed instants, for iterations: what depends on t alone is best computed here."""
-        return lambda q, v: self.acceleration(t, q, v, mode)
-
     @property
     def magnitude(self) -> float:
         """Size of the terms of q'' (and of the guards), however much of them cancels: their rounding stays in it."""
@@ -87,11 +78,11 @@ class PiecewiseMechanism(ABC):
     @property
     def pace(self) -> float:
         """Factor on the times of a search, 1 or less."""
-        return FAST / max(FAST, self.fastest)
+        return _FAST / max(_FAST, self.fastest)
 
     @abstractmethod
     def guards(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: Hashable) -> np.ndarray:
-        """Guards, shape (m, p, k): the mode lasts while for each the largest of its p smooth functions is positive."""
+        """Return guards, shape (m, p, k): the mode lasts while the largest of each one's p functions is positive."""
 
     def limits(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Hashable) -> np.ndarray:
         """Functions as of `guards`, shape (m, p, k), positive while the motion of the mode is the only one."""
@@ -102,13 +93,8 @@ class PiecewiseMechanism(ABC):
                    guard: int | None) -> Iterator[list[tuple[Hashable, np.ndarray]]]:
         """Modes that may follow when `guard` of `mode` reached zero, each with the velocity (n,) it starts with.
 
-        In groups, best first: a group is asked only if no mode of those before it holds. At the start of the motion
-        mode and guard are None.
-
-        Raises
-        ------
-        NoMotion
-            Where a group would not be the only answer.
+        They come in groups, of which one is tried only if no mode of those before it holds; NoMotion is raised where
+        it would not be the only answer. At the start of the motion mode and guard are None.
         """
 
     @abstractmethod
@@ -138,7 +124,7 @@ class Segment:
 
 @dataclass(frozen=True)
 class Switch:
-    """The end of a mode: between segments[index - 1] and segments[index]; the guard that ended it."""
+    """The end of a mode between segments[index - 1] and segments[index], and the guard that ended it."""
 
     time: float
     index: int
@@ -153,12 +139,12 @@ class Motion:
     switches: tuple[Switch, ...]
 
     def owner(self, t: np.ndarray, side: str) -> np.ndarray:
-        """Index of the segment that covers each instant; a switch belongs to the segment before or after it."""
+        """Return the index of the segment of each instant; a switch belongs to the one before or after it."""
         ends = np.array([segment.end for segment in self.segments[:-1]])
         return np.searchsorted(ends, t, side="right" if side == "after" else "left")
 
     def state(self, t: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """q and v, each (n, k), by the polynomials of the segments with the indices `owner` (k,)."""
+        """Return q and v, each (n, k), by the polynomials of the segments with the indices `owner` (k,)."""
         start, length, position, velocity = (np.array([getattr(s, name) for s in self.segments])[owner]
                                              for name in ("start", "length", "position", "velocity"))
         x = 2 * (t - start) / length - 1
@@ -166,21 +152,13 @@ class Motion:
                      for series in (position, velocity))
 
     def final_state(self) -> tuple[np.ndarray, np.ndarray]:
-        """q and v at the end, each (n,)."""
+        """Return q and v at the end, each (n,)."""
         q, v = self.state(np.array([self.segments[-1].end]), np.array([len(self.segments) - 1]))
         return q[:, 0], v[:, 0]
 
 
 class Collocation:
-    """Chebyshev collocation of q'' = f with `order` points.
-
-    Parameters
-    ----------
-    order
-        Number of points; the error of a step is O(h^order).
-    longest_step
-        Seconds.
-    """
+    """Chebyshev collocation of q'' = f with `order` points: the error of a step of h seconds is O(h^order)."""
 
     def __init__(self, order: int = 24, longest_step: float = 0.25):
         self.order, self.longest_step = order, longest_step
@@ -189,11 +167,10 @@ class Collocation:
         values = chebyshev.chebvander(self.nodes, order - 1)
         self.to_coefficients = (values * np.where(k == 0, 1, 2) / order).T
         identity = np.eye(order)
-        once = np.array([chebyshev.chebint(row, 1, lbnd=-1) for row in identity])
-        twice = np.array([chebyshev.chebint(row, 2, lbnd=-1) for row in identity])
-        self._once, self._twice = once, twice
-        self._velocity = chebyshev.chebval(self.nodes, once.T).T @ self.to_coefficients
-        self._position = chebyshev.chebval(self.nodes, twice.T).T @ self.to_coefficients
+        self._once = np.array([chebyshev.chebint(row, 1, lbnd=-1) for row in identity])
+        self._twice = np.array([chebyshev.chebint(row, 2, lbnd=-1) for row in identity])
+        self._velocity = chebyshev.chebval(self.nodes, self._once.T).T @ self.to_coefficients
+        self._position = chebyshev.chebval(self.nodes, self._twice.T).T @ self.to_coefficients
         self._derivative = np.array([np.append(chebyshev.chebder(row), 0.0) for row in identity]).T
         self._halves = [np.array([chebyshev.chebinterpolate(lambda x: chebyshev.chebval((x + side) / 2, row), order - 1)
                                   for row in identity]).T for side in (-1, 1)]
@@ -205,11 +182,11 @@ class Collocation:
         t = t0 + s * (self.nodes + 1)
         drift = q0[:, None] + v0[:, None] * (t - t0)
         a = np.zeros((len(q0), self.order))
-        equation, change, magnitude = mechanism.equation(t, mode), np.inf, mechanism.magnitude
+        change, magnitude = np.inf, mechanism.magnitude
         for _ in range(_PICARD_LIMIT):
             q = drift + s * s * a @ self._position.T
             v = v0[:, None] + s * a @ self._velocity.T
-            new = equation(q, v)
+            new = mechanism.acceleration(t, q, v, mode)
             if not np.isfinite(new).all():
                 return None
             last, change = change, np.abs(new - a).max()
@@ -298,13 +275,13 @@ def _clenshaw(x: float, backwards: list[float]) -> float:
 
 
 def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.ndarray, v0: np.ndarray,
-              collocation: Collocation, switch_limit: int = 100_000) -> Motion:
-    """The motion from (t0, q0, v0) to t_end.
+              collocation: Collocation) -> Motion:
+    """Integrate the motion from (t0, q0, v0) to t_end.
 
     Raises
     ------
     NoMotion
-        Where no mode is consistent at the start, where the step falls to nothing, or beyond `switch_limit` switches.
+        Where no mode is consistent at the start, where the step falls to nothing, or after too many switches.
     Undecided
         Where none is consistent to rounding later on.
     """
@@ -333,8 +310,8 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
         t = segments[-1].end
         q, v = Motion((segments[-1],), ()).final_state()
         if ended:
-            if len(switches) == switch_limit:
-                raise NoMotion(f"more than {switch_limit} changes of mode", t)
+            if len(switches) == _SWITCH_LIMIT:
+                raise NoMotion(f"more than {_SWITCH_LIMIT} changes of mode", t)
             switches.append(Switch(t, len(segments), root[1]))
             mode, v, ignored = _next_mode(mechanism, collocation, t, q, v, mode, root[1])
         else:

@@ -26,7 +26,7 @@ from stiction.comparisons.truth.reduced.slider_contact import Contact, Mode, Sin
 from stiction.comparisons.truth.reduced.truth_of_motion import truth_of
 from stiction.comparisons.truth.structure import (CENTRE, FORWARD, NEGATIVE, ON_X_AXIS, PULLS_ALONG_X, Condition,
                                                   Part, Structure)
-from stiction.comparisons.truth.truth import Truth
+from stiction.comparisons.truth.truth import Truth, body_columns
 from stiction.scenes import InputError, Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Linear, Sine
@@ -116,17 +116,14 @@ class SliderBar(SingleSlider):
         return self.c * (self.g * np.cos(self.theta(t)) - a * np.sin(self.theta(t)))
 
     def acceleration(self, t, q, v, mode: Mode):
-        return self.equation(t, mode)(q, v)
-
-    def equation(self, t, mode: Mode):
         slip, signs = mode
         if slip == 0:
-            return lambda q, v: np.zeros_like(q)
+            return np.zeros_like(q)
         phi = self.slip_fraction(slip)
         load = self.contact.load(self.normal(t), self.torque(t, 0.0), phi, signs)
         slope = self.contact.load(0.0, -self.c * np.sin(self.theta(t)), phi, signs)  # N = load + slope x''
         push, inertia = self.applied(t, 0.0, 0.0) + phi * load, self.mass - phi * slope
-        return lambda q, v: (push - self.stiffness * q - self.damping * v) / inertia
+        return (push - self.stiffness * q - self.damping * v) / inertia
 
     def loads(self, t, q, v, a):
         return self.normal(t), self.torque(t, a[0]), self.applied(t, q[0], v[0])
@@ -159,24 +156,18 @@ class SliderBar(SingleSlider):
         return np.array(found)
 
     def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
-        """All columns within a mode, by the names of a Trajectory."""
         a = self.acceleration(t, q, v, mode)
         (x,), (vx,), (ax,) = q, v, a
         zero, th = np.zeros_like(t), self.theta(t)
         sin, cos, half, w = np.sin(th), np.cos(th), self.L / 2, self.rate
         bar_ax, bar_ay = ax - half * w * w * cos, -half * w * w * sin
-        columns = {
-            "bar.x": x + half * cos, "bar.y": half * sin, "bar.angle": th,
-            "bar.vx": vx - half * w * sin, "bar.vy": half * w * cos, "bar.omega": zero + w,
-            "bar.ax": bar_ax, "bar.ay": bar_ay, "bar.alpha": zero,
-            "slider.x": x, "slider.y": zero, "slider.angle": zero,
-            "slider.vx": vx, "slider.vy": zero, "slider.omega": zero,
-            "slider.ax": ax, "slider.ay": zero, "slider.alpha": zero,
+        return {
+            **body_columns("bar", (x + half * cos, half * sin, th),
+                           (vx - half * w * sin, half * w * cos, zero + w), (bar_ax, bar_ay, zero)),
+            **body_columns("slider", (x, zero, zero), (vx, zero, zero), (ax, zero, zero)),
             "pin.fx": self.m1 * bar_ax, "pin.fy": self.m1 * (bar_ay + self.g),
-            "guide.displacement": x, "guide.slip_velocity": vx,
-            "motor.effort": self.torque(t, ax),
-        }
-        return columns | self.guide_columns("guide", t, q, v, a, mode)
+            "guide.displacement": x, "guide.slip_velocity": vx, "motor.effort": self.torque(t, ax),
+            **self.guide_columns("guide", t, q, v, a, mode)}
 
     def break_away_margin(self, t: float, x: float) -> float:
         """Excess of the load over what static friction can hold at rest, N: positive if the slider breaks away.
@@ -203,15 +194,7 @@ class SliderBar(SingleSlider):
 
 
 def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """The slider-bar's motion from its start, with its own uncertainty.
-
-    Raises
-    ------
-    NotThisMechanism
-        If the scene is not a slider-bar.
-    NoMotion
-        Where the slip equation has no solution, or several (Painleve: mu |B| >= m).
-    """
+    """Return the slider-bar's motion from its start; NoMotion also where mu |B| >= m (Painleve)."""
     mechanism = SliderBar.from_scene(scene)
     truth = truth_of(scene, ("guide",), mechanism, np.array([mechanism.x]), np.array([mechanism.v]), t_end)
     jumps = [-mechanism.c * np.sin(mechanism.theta(event.time)) * event.jump("slider.ax") for event in truth.events]

@@ -62,11 +62,11 @@ class Contact:
     def frictionless(self) -> bool:
         return self.mus == 0.0
 
-    def sign_patterns(self) -> list[Signs]:
+    @property
+    def sign_patterns(self) -> tuple[Signs, ...]:
         """The contact configurations: which surface each corner rests on."""
-        if self.length is None:
-            return [(1, 1), (-1, -1)]
-        return [(1, 1), (-1, -1), (1, -1), (-1, 1)]
+        together, across = ((1, 1), (-1, -1)), ((1, -1), (-1, 1))
+        return together if self.length is None else together + across
 
     def corners(self, R, M, phi):
         """n1 and n2 (for a guide without length R/2 each)."""
@@ -86,15 +86,11 @@ class Contact:
         return abs(phi) * (abs(n1) + abs(n2))
 
     def margins(self, R, M, push):
-        """Reserve of full static friction against a push along the guide, forwards and backwards.
+        """Return the reserve of full static friction against a push along the guide, forwards and backwards, N.
 
         With phi = -mus s and D_s its D, static friction holds while  mus max(|R|, |D_s|) - s push > 0  for s = 1, -1:
-        the largest of the functions  +-mus R - s push  and  +-mus D_s - s push, as smooth as R, M and push.
-
-        Returns
-        -------
-        ndarray, shape (2, 4, k); (2, 2, k) for a guide without length
-            By s and function, N.
+        the largest of the functions  +-mus R - s push  and  +-mus D_s - s push, as smooth as R, M and push. By s and
+        function: shape (2, 4, k), or (2, 2, k) for a guide without length.
         """
         found = []
         for s in (1, -1):
@@ -104,19 +100,13 @@ class Contact:
         return np.array(found)
 
     def require_unique_slip(self, t: float) -> None:
-        """For a guide at rest, at time t, under a load beyond what full static friction holds.
-
-        Raises
-        ------
-        NoMotion
-            If it can jam all the same: mus b > a (see the module's text).
-        """
+        """Raise NoMotion where a guide at rest, loaded beyond full static friction at time t, can jam: mus b > a."""
         if self.length is not None and self.mus * self.width > self.length:
             raise NoMotion("several motions: a guide at rest under more than full static friction holds can slip or "
                            f"jam (mus * width = {self.mus * self.width:g} > length = {self.length:g})", t)
 
     def mobilization(self, R, M, friction):
-        """phi in stick: of the roots of  phi N(phi) = friction  the smallest.
+        """Return phi in stick: of the roots of  phi N(phi) = friction  the smallest.
 
         |phi| N is the larger of |phi R| and |phi (p - r phi)|, p = (2/a) M, r = (b/a) R, and zero at phi = 0. It first
         reaches |friction| where the first of the two does. With u = |phi| the second is u (|p| + |r| u) if p and r phi
@@ -127,20 +117,20 @@ class Contact:
             first = force / np.abs(R)
             if self.length is not None:
                 p, r = np.abs(2 / self.length * M), np.abs(self.width / self.length * R)
-                apart, together = p * p + 4 * r * force, p * p - 4 * r * force
-                rising = 2 * force / (p + np.sqrt(apart))
-                falling = np.where(together >= 0, 2 * force / (p + np.sqrt(together)), (p + np.sqrt(apart)) / (2 * r))
+                opposed, alike = p * p + 4 * r * force, p * p - 4 * r * force
+                rising = 2 * force / (p + np.sqrt(opposed))
+                falling = np.where(alike >= 0, 2 * force / (p + np.sqrt(alike)), (p + np.sqrt(opposed)) / (2 * r))
                 first = np.fmin(first, np.where(np.sign(friction) * M * R > 0, falling, rising))
         return np.where(force > 0, np.sign(friction) * first, 0.0)
 
     def columns(self, guide: str, R, M, phi, mode, **others) -> dict[str, np.ndarray]:
-        """Columns of a guide: normal force, moment, corner forces, frictions of the surfaces, mode, and others."""
+        """Return the columns of a guide: normal force, moment, corner and friction forces, mode, and others."""
         values = {"normal_force": R, "moment": M}
         n1, n2 = self.corners(R, M, phi)
-        lower, upper = np.maximum(n1, 0) + np.maximum(n2, 0), np.maximum(-n1, 0) + np.maximum(-n2, 0)
+        F1, F2, F3, F4 = (np.maximum(n, 0) for n in (n1, n2, -n2, -n1))
+        lower, upper = F1 + F2, F4 + F3
         if self.length is not None:
-            values |= {"F1": np.maximum(n1, 0), "F2": np.maximum(n2, 0),
-                       "F3": np.maximum(-n2, 0), "F4": np.maximum(-n1, 0)}
+            values |= {"F1": F1, "F2": F2, "F3": F3, "F4": F4}
         if self.frictional:
             values["friction"] = phi * (lower + upper)
             if self.length is not None:
@@ -173,7 +163,7 @@ class SingleSlider(PiecewiseMechanism):
         return -self.contact.mu * slip
 
     def guide_columns(self, guide: str, t, q, v, a, mode: Mode, **others) -> dict[str, np.ndarray]:
-        """Columns of the guide within a mode; in stick phi is what equilibrium needs."""
+        """Return the columns of the guide within a mode; in stick phi is what equilibrium needs."""
         R, M, push = self.loads(t, q, v, a)
         zero = np.zeros_like(t)
         if self.contact.frictionless:
@@ -182,7 +172,7 @@ class SingleSlider(PiecewiseMechanism):
         return self.contact.columns(guide, R, M, phi, zero + mode[0], **others)
 
     def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Mode | None, guard: int | None):
-        patterns = self.contact.sign_patterns()
+        patterns = self.contact.sign_patterns
         if self.contact.frictionless:
             yield [((1, signs), v) for signs in patterns]
             return

@@ -26,12 +26,12 @@ SETTLING = 400
 DEFINITION = "largest F0 for which the steady state reached from the scene's start has a stick phase"
 
 _STEPS, _CHECK = Collocation(order=20, longest_step=0.5), Collocation(order=16, longest_step=0.2)
-_NEAR = 1e-2  # of the motion's size: repeats itself as closely as this before Newton's method is asked
+_NEAR = 1e-2  # of the motion's size: repeats itself as closely as this before Newton's method is tried
 _RESIDUAL = 1e-11  # m and m/s
 _DIFFERENCE = 1e-7  # m and m/s; of the Jacobian by central differences
 _ROUNDING = np.finfo(float).eps
 _PARTS = 8  # of a bracket of 1e-3 F0: the distance at which steady states are compared
-_SEEN = 1e-6  # of F0, above the end of a steady state: nearer to it the start is not asked where it leads
+_SEEN = 1e-6  # of F0, above the end of a steady state: nearer to it the motion from the start is not followed
 _NODES = 5  # of an extrapolation over so short a step that degree 4 leaves rounding
 
 
@@ -41,18 +41,10 @@ class NoSteadyState(TruthRefused):
 
 @dataclass(frozen=True)
 class SteadyState:
-    """An attracting periodic motion.
+    """An attracting periodic motion over `periods` common periods of load and bar, from t = 0.
 
-    Attributes
-    ----------
-    periods : int
-        Its period in common periods of load and bar; 0 if only its stick phases are known (not periodic).
-    motion : Motion
-        Over that time, from t = 0.
-    multipliers : tuple of complex
-        Of the return map; empty at rest.
-    residual : float
-        How far the motion is from repeating itself, m and m/s.
+    `multipliers` are those of the return map (empty at rest), `residual` is the largest change of (x, v) over the
+    motion, m and m/s.
     """
 
     periods: int
@@ -71,7 +63,7 @@ class SteadyState:
 
 
 def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None) -> SteadyState:
-    """The periodic motion that is reached from `start` = (x, v) at t = 0, the mechanism's own where None.
+    """Find the periodic motion that is reached from `start` = (x, v) at t = 0, the mechanism's own where None.
 
     Raises
     ------
@@ -83,13 +75,13 @@ def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None)
         If load and bar have no common period.
     """
     state = np.array((mechanism.x, mechanism.v) if start is None else start, dtype=float)
-    orbit, asked = [state], 0
+    orbit, next_try = [state], 0
     for j in range(1, SETTLING + 1):
         motion = _period(mechanism, orbit[-1], 1)
         orbit.append(_end(motion))
         if all(segment.mode[0] == 0 for segment in motion.segments):
             return SteadyState(1, motion, (), 0.0)
-        if j < asked:
+        if j < next_try:
             continue
         size = _NEAR * max(np.ptp([s[i] for s in orbit[-MOST_PERIODS:]]) + abs(orbit[-1][i]) for i in (0, 1))
         distances = {n: np.max(np.abs(orbit[-1] - orbit[-1 - n])) for n in range(1, min(MOST_PERIODS, j) + 1)}
@@ -98,7 +90,7 @@ def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None)
             found = _newton(mechanism, orbit[-1], n)
             if found is not None and _attracts(mechanism, found, orbit[-1]):
                 return found
-            asked = j + 10
+            next_try = j + 10
     raise NoSteadyState(f"no steady state of up to {MOST_PERIODS} periods of {mechanism.period():g} s at F0 = "
                         f"{mechanism.F0:.9g} N within {SETTLING} periods")
 
@@ -112,14 +104,14 @@ def _end(motion: Motion) -> np.ndarray:
 
 
 def _newton(mechanism: SliderBar, state: np.ndarray, n: int) -> SteadyState | None:
-    """The fixed point of n periods near a state; None where Newton's method does not converge."""
+    """Fixed point of n periods near a state; None where Newton's method does not converge."""
     for _ in range(8):
         motion = _period(mechanism, state, n)
         change = _end(motion) - state
         jacobian = np.array([(_end(_period(mechanism, state + step, n)) - _end(_period(mechanism, state - step, n)))
                              / (2 * _DIFFERENCE) for step in _DIFFERENCE * np.eye(2)]).T
         if np.max(np.abs(change)) <= _RESIDUAL:
-            return SteadyState(n, motion, tuple(complex(value) for value in np.linalg.eigvals(jacobian)),
+            return SteadyState(n, motion, tuple(map(complex, np.linalg.eigvals(jacobian))),
                                float(np.max(np.abs(change))))
         matrix = np.eye(2) - jacobian
         if abs(np.linalg.det(matrix)) < 1e-12:
@@ -158,8 +150,8 @@ class StickThreshold:
     F0 : float or None
         Newton.
     uncertainty : float or None
-        What bracket or extrapolation, residual of the steady state and discretization amount to, N. Where the steady
-        state jumps, also how near to the jump the start was asked where it leads.
+        Sum of bracket or extrapolation, residual of the steady state and discretization, N. Where the steady state
+        jumps, also the distance from the jump at which the motion from the start was followed.
     bracket : tuple of float
         Amplitudes with and without a stick phase between which the root was sought.
     note : str
@@ -180,7 +172,7 @@ class NoThreshold(TruthRefused):
 
 
 def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
-    """`DEFINITION`, next to the scene's own F0; a typed result without a number where there is none.
+    """Find `DEFINITION` next to the scene's own F0; a typed result without a number where there is none.
 
     In a steady state the slider sticks wherever its velocity reaches zero and the load there is below what static
     friction can hold. The smallest `SliderBar.break_away_margin` over the zeros of velocity is therefore positive
@@ -189,12 +181,7 @@ def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
     stop, or comes to rest within a slip phase. That is the threshold if the start leads to a stick phase just below
     and to none just above. Otherwise two steady states coexist: the threshold is that of the start, located by halving
     alone. The note says down to where the other one exists, and where no steady state was found, which ends the
-    halving.
-
-    Raises
-    ------
-    InputError
-        As `with_threshold`.
+    halving. Raises InputError as `with_threshold`.
     """
     try:
         return _threshold(with_threshold(scene), xtol)
@@ -203,12 +190,9 @@ def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
 
 
 def with_threshold(scene: Scene) -> SliderBar:
-    """The mechanism of a scene that may have a threshold.
+    """Return the mechanism of a scene that may have a threshold.
 
-    Raises
-    ------
-    InputError
-        If the scene is not a slider-bar, has no friction, or load and bar have no common period.
+    InputError says that it is no slider-bar, has no friction, or load and bar have no common period.
     """
     mechanism = SliderBar.from_scene(scene)
     if mechanism.contact.frictionless:
@@ -219,13 +203,18 @@ def with_threshold(scene: Scene) -> SliderBar:
 
 def margin(mechanism: SliderBar, steady: SteadyState) -> float:
     """Smallest excess of the load over static friction where the slider stops, N; negative if it sticks."""
-    motion, index = steady.motion, np.arange(len(steady.motion.segments))
-    q, _ = motion.state(np.array([segment.start for segment in motion.segments]), index)
-    stops = [mechanism.break_away_margin(switch.time, q[0, switch.index]) for switch in motion.switches
+    motion, x = steady.motion, _starts(steady.motion)
+    stops = [mechanism.break_away_margin(switch.time, x[switch.index]) for switch in motion.switches
              if motion.segments[switch.index - 1].mode[0] and switch.guard == 0]
     if stops:
         return float(min(stops))
     return -np.inf if steady.sticks else np.inf  # at rest; never stops
+
+
+def _starts(motion: Motion) -> np.ndarray:
+    """x at the start of each segment."""
+    starts = np.array([segment.start for segment in motion.segments])
+    return motion.state(starts, np.arange(len(starts)))[0][0]
 
 
 def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
@@ -275,12 +264,11 @@ def _left_until_rest(mechanism: SliderBar, motion: Motion) -> dict[tuple[str, in
 
     By slip phase: the break-away margin (N) at its start, and the least speed (m/s) at the instants of x'' = 0 within.
     """
-    index, stops, found = np.arange(len(motion.segments)), 0, {}
-    q, _ = motion.state(np.array([segment.start for segment in motion.segments]), index)
+    x, stops, found = _starts(motion), 0, {}
     begun = {switch.index for switch in motion.switches if switch.guard == 0}
     for i, segment in enumerate(motion.segments):
         if i in begun:
-            found["stop", stops] = mechanism.break_away_margin(segment.start, q[0, i])
+            found["stop", stops] = mechanism.break_away_margin(segment.start, x[i])
             stops += 1
         (velocity,) = segment.velocity
         velocity = chebyshev.chebtrim(velocity, _ROUNDING * np.max(np.abs(velocity)))
@@ -299,25 +287,18 @@ def _end_of_sliding(mechanism: SliderBar, sliding: SteadyState, low: float, high
     Where the slider comes to rest within a slip phase it is held for some time at once: the steady state jumps or
     ends. What is left until then is smooth in F0 down to its zero and not beyond: the zero is extrapolated from above.
     """
-    def left(F0: float, motion: Motion) -> dict[tuple[str, int], float]:
-        return _left_until_rest(replace(mechanism, F0=F0), motion)
-
     step = (high - low) / _PARTS
-    beyond = _followed(mechanism, sliding, high + step)
-    if beyond is None:
+    way, end = _nearest_end(mechanism, sliding, high, step)
+    if way is None or end < low:
         return None
-    near, far = left(high, sliding.motion), left(high + step, beyond.motion)
-    ends = {way: high - step * near[way] / (far[way] - near[way]) for way in near if far.get(way, -np.inf) > near[way]}
-    way = max(ends, key=ends.__getitem__, default=None)
-    if way is None or ends[way] < low:
-        return None
-    amplitudes = ends[way] + step * np.arange(1, _NODES + 1)
+    amplitudes = end + step * np.arange(1, _NODES + 1)
     steady = [_followed(mechanism, sliding, F0) for F0 in amplitudes]
     if None in steady:
         return None
     check = _period(replace(mechanism, F0=amplitudes[0]), steady[0].state, sliding.periods, _CHECK)
     motions = [*(one.motion for one in steady), check]
-    found = [left(F0, motion).get(way) for F0, motion in zip([*amplitudes, amplitudes[0]], motions)]
+    found = [_left_until_rest(replace(mechanism, F0=F0), motion).get(way)
+             for F0, motion in zip([*amplitudes, amplitudes[0]], motions)]
     if None in found:
         return None
     *values, other = found
@@ -330,6 +311,18 @@ def _end_of_sliding(mechanism: SliderBar, sliding: SteadyState, low: float, high
     slope = (values[1] - values[0]) / step
     note = "" if sliding.periods == 1 else f"the steady state has {sliding.periods} periods of load and bar"
     return StickThreshold(root, abs(root - coarser) + float(2 ** _NODES * unsure / slope), (low, high), note)
+
+
+def _nearest_end(mechanism: SliderBar, sliding: SteadyState, high: float,
+                 step: float) -> tuple[tuple[str, int] | None, float]:
+    """The first of the ways in which the steady state at `high` comes to rest below it, and F0 there by a secant."""
+    beyond = _followed(mechanism, sliding, high + step)
+    if beyond is None:
+        return None, np.nan
+    near, far = (_left_until_rest(replace(mechanism, F0=F0), steady.motion)
+                 for F0, steady in ((high, sliding), (high + step, beyond)))
+    ends = {way: high - step * near[way] / (far[way] - near[way]) for way in near if far.get(way, -np.inf) > near[way]}
+    return max(ends.items(), key=lambda item: item[1], default=(None, np.nan))
 
 
 def _followed(mechanism: SliderBar, sliding: SteadyState, F0: float) -> SteadyState | None:

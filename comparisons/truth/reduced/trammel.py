@@ -47,7 +47,7 @@ from stiction.comparisons.truth.reduced.slider_contact import Contact
 from stiction.comparisons.truth.reduced.truth_of_motion import truth_of
 from stiction.comparisons.truth.structure import (ANY, CENTRE, NEGATIVE, POSITIVE, SEVERAL, Condition, Match, Part,
                                                   Structure)
-from stiction.comparisons.truth.truth import Truth
+from stiction.comparisons.truth.truth import Truth, body_columns
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine, evaluate_law
@@ -157,7 +157,6 @@ class Trammel(PiecewiseMechanism):
         return guard - (2 if mode.turn == 0 else 3)
 
     def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
-        """All columns within a mode, by the names of a Trajectory."""
         a = self.acceleration(t, q, v, mode)
         (p,), (rate,), (turn,) = q, v, a
         sin, cos, zero = np.sin(p), np.cos(p), np.zeros_like(t)
@@ -165,8 +164,7 @@ class Trammel(PiecewiseMechanism):
         c1, s1 = -sin * rate, cos * rate
         values = {"bar.angle": -p, "bar.omega": -rate, "bar.alpha": -turn}
         for name, x, y in (("bar", self.ly, self.lx), ("slider-x", self.L, 0.0), ("slider-y", 0.0, self.L)):
-            values |= {f"{name}.x": x * cos, f"{name}.y": y * sin, f"{name}.vx": x * c1, f"{name}.vy": y * s1,
-                       f"{name}.ax": x * c2, f"{name}.ay": y * s2}
+            values |= body_columns(name, (x * cos, y * sin), (x * c1, y * s1), (x * c2, y * s2))
         rho = self.mobilization(t, p, mode) if mode.turn == 0 else None
         c = self._friction(p, mode, rho)
         Rx, Ry, _, (Hx, Vx, Hy, Vy) = self._balance(t, p, rate, turn, *c)
@@ -200,15 +198,7 @@ TRAMMEL = Structure("an elliptic trammel", ("bar", "slider-x", "slider-y"), {
 
 
 def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """The motion of bodies `bar`, `slider-x`, `slider-y` on guides `guide-x`, `guide-y`, pins `pin-x`, `pin-y`.
-
-    Raises
-    ------
-    NotThisMechanism
-        If the scene has another structure or mus b >= a on a guide.
-    NoMotion
-        Where the equations have no motion or several.
-    """
+    """Return the motion of `bar`, `slider-x`, `slider-y` on `guide-x`, `guide-y`, `pin-x`, `pin-y`; mus b < a."""
     found = TRAMMEL.match(scene)
     bar, guides = scene.bodies["bar"], (found["guide-x"], found["guide-y"])
     torques = [torque.law for torque in found.elements["torques"].values()]

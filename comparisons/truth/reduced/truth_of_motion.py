@@ -15,10 +15,11 @@ FINE, COARSE = Collocation(order=24, longest_step=0.5), Collocation(order=16, lo
 """Two discretizations whose difference is the uncertainty: they share neither nodes nor steps."""
 _SAMPLES = 2000
 _NEAR_EVENT = 1e-7  # s; closer to an event than this the two may be on different sides of it
+_ROUNDING = 8 * np.finfo(float).eps
 
 
 def motion_columns(mechanism: PiecewiseMechanism, motion: Motion, t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-    """The columns at times t; at an event from the given side."""
+    """Return the columns at times t; at an event from the given side."""
     return _segment_columns(mechanism, motion, t, motion.owner(t, side))
 
 
@@ -38,23 +39,23 @@ def _segment_columns(mechanism: PiecewiseMechanism, motion: Motion, t: np.ndarra
 
 
 def motion_events(mechanism: PiecewiseMechanism, motion: Motion, guides: tuple[str, ...]) -> tuple[Event, ...]:
-    """An event per switch and guide whose direction of slip changes; a corner event if none does.
+    """Return an event per switch and guide whose direction of slip changes; a corner event if none does.
 
     A guide at rest that goes on resting (its margin touches zero) has none.
     """
-    switches = [switch for switch in motion.switches
-                if motion.segments[switch.index - 1].mode != motion.segments[switch.index].mode]
-    times = np.array([switch.time for switch in switches])
-    index = np.array([switch.index for switch in switches], dtype=int)
+    switches = [(switch, *(motion.segments[i].mode for i in (switch.index - 1, switch.index)))
+                for switch in motion.switches]
+    switches = [(switch, before, after) for switch, before, after in switches if before != after]
+    times = np.array([switch.time for switch, _, _ in switches])
+    index = np.array([switch.index for switch, _, _ in switches], dtype=int)
     sides = [_segment_columns(mechanism, motion, times, owner) for owner in (index - 1, index)]
-    rows = [[dict(zip(side, row)) for row in np.array(list(side.values())).T.tolist()] for side in sides]
+    values = [[dict(zip(side, row)) for row in np.array(list(side.values())).T.tolist()] for side in sides]
     events = []
-    for i, switch in enumerate(switches):
-        before, after = motion.segments[switch.index - 1].mode, motion.segments[switch.index].mode
+    for (switch, before, after), *two_sides in zip(switches, *values):
         changes = [(guide, "stick" if b == 0 else "slip" if a == 0 else "reversal")
                    for guide, a, b in zip(guides, mechanism.slip(before), mechanism.slip(after)) if a != b]
         for guide, kind in changes or [(guides[mechanism.corner_guide(before, switch.guard)], "corner")]:
-            events.append(Event(float(switch.time), kind, guide, rows[0][i], rows[1][i]))
+            events.append(Event(float(switch.time), kind, guide, *two_sides))
     return tuple(events)
 
 
@@ -75,22 +76,16 @@ def truth_of(scene: Scene, guides: tuple[str, ...], mechanism: PiecewiseMechanis
     fine, coarse = (integrate(mechanism, 0.0, t_end, q0, v0, collocation) for collocation in (FINE, COARSE))
     events, check = (tuple(event for event in motion_events(mechanism, motion, guides)
                            if event.time < t_end - _NEAR_EVENT) for motion in (fine, coarse))
-    if [(e.kind, e.joint) for e in events] != [(e.kind, e.joint) for e in check]:
-        first = next((i for i, (a, b) in enumerate(zip(events, check)) if (a.kind, a.joint) != (b.kind, b.joint)),
-                     min(len(events), len(check)))
-        found = [f"{e[first].kind} of {e[first].joint} at {e[first].time:.9f} s" if first < len(e) else "none"
-                 for e in (events, check)]
-        raise Undecided(f"{scene.name}: two integrations find different events, the first {found[0]} and {found[1]}")
+    _require_same(scene, events, check)
     times = np.array([event.time for event in events])
     t = np.linspace(0.0, t_end, _SAMPLES)[1:]  # the start is given; a velocity of zero may have either sign there
     if len(times):
         t = t[np.min(np.abs(t[:, None] - times), axis=1) > _NEAR_EVENT]
     one, other = (motion_columns(mechanism, motion, t, "after") for motion in (fine, coarse))
-    rounding = 8 * np.finfo(float).eps
-    uncertainty = {name: float(np.max(np.abs(one[name] - other[name])) + rounding * np.max(np.abs(one[name])))
+    uncertainty = {name: float(np.max(np.abs(one[name] - other[name])) + _ROUNDING * np.max(np.abs(one[name])))
                    for name in one}
     shift = max((abs(a.time - b.time) for a, b in zip(events, check)), default=0.0)
-    uncertainty["event time"] = shift + rounding * t_end
+    uncertainty["event time"] = shift + _ROUNDING * t_end
 
     @lru_cache(maxsize=8)  # the runs of a campaign share their output instants
     def columns(instants: bytes, side: str) -> dict[str, np.ndarray]:
@@ -101,3 +96,14 @@ def truth_of(scene: Scene, guides: tuple[str, ...], mechanism: PiecewiseMechanis
 
     return Truth(scene.name, HIGH_PRECISION, t_end, lambda t, side: dict(columns(t.tobytes(), side)), uncertainty,
                  events)
+
+
+def _require_same(scene: Scene, events: tuple[Event, ...], check: tuple[Event, ...]) -> None:
+    """Raise Undecided where two integrations disagree on the kinds of events or their guides."""
+    kinds = [(event.kind, event.joint) for event in events]
+    others = [(event.kind, event.joint) for event in check]
+    if kinds != others:
+        first = next((i for i, (a, b) in enumerate(zip(kinds, others)) if a != b), min(len(events), len(check)))
+        found = [f"{e[first].kind} of {e[first].joint} at {e[first].time:.9f} s" if first < len(e) else "none"
+                 for e in (events, check)]
+        raise Undecided(f"{scene.name}: two integrations find different events, the first {found[0]} and {found[1]}")

@@ -22,7 +22,7 @@ def test_powers_of_a_periodic_residual(power, verdict):
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("integrated, exponent", [(1, 0.5), (2, 1.5)])
 def test_random_walks_grow(integrated, exponent, seed):
-    """Independent errors in the residual, or in its rate: not taken for bounded, though a walk's exponent scatters by far more than its interval."""
+    """Independent errors in the residual, or its rate, are not bounded; exponents scatter beyond their intervals."""
     walk = np.random.default_rng(seed).normal(size=len(T))
     for _ in range(integrated):
         walk = np.cumsum(walk)
@@ -32,17 +32,18 @@ def test_random_walks_grow(integrated, exponent, seed):
 
 @pytest.mark.parametrize("octaves", [4, 5, 8])
 def test_the_interval_of_an_exponent_holds_for_independent_octaves(octaves):
-    """As often as it says, 95 %, whatever the scatter; of a rate's random walk, whose octaves are not independent, in three of four."""
+    """In 95 %, whatever the scatter; in three of four for a rate's random walk, whose octaves are not independent."""
     random, t = np.random.default_rng(octaves), np.repeat(2.0 ** np.arange(octaves), 2) * np.tile([0.75, 1.0], octaves)
     scatter = np.repeat(random.normal(size=(2000, octaves)), 2, axis=1)
     found = [growth(t, t ** 1.5 * np.exp(0.3 * one), 0.5) for one in scatter]
-    assert np.mean([abs(one.exponent - 1.5) <= one.uncertainty for one in found]) == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 2000))
+    held = np.mean([abs(one.exponent - 1.5) <= one.uncertainty for one in found])
+    assert held == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 2000))
     walks = [np.abs(np.cumsum(np.cumsum(random.normal(size=4800)))) for _ in range(200)]
     laws = [growth(np.linspace(0.05, 240.0, 4800), walk, 4.0) for walk in walks]
     assert 0.6 < np.mean([abs(law.exponent - 1.5) <= law.uncertainty for law in laws]) < 0.9
 
 
-def test_what_cannot_be_told():
+def test_what_is_inconclusive_or_rounding():
     short = T <= 24
     assert growth(T[short], T[short] + 1, 8.0).verdict == INCONCLUSIVE  # one octave
     assert growth(T, np.full_like(T, 1e-16), 8.0, rounding=1e-15).verdict == ROUNDED
@@ -50,7 +51,7 @@ def test_what_cannot_be_told():
     assert growth(np.zeros(0), np.zeros(0), 8.0).verdict == INCONCLUSIVE
 
 
-def test_a_walk_must_be_told_from_a_bound():
+def test_a_walk_spreads_further_than_a_bound():
     """The more octaves, the further a walk goes."""
     assert 0 < walk_spread(3) < walk_spread(8) < walk_spread(16)
 
@@ -65,14 +66,15 @@ def test_what_rounding_makes_is_no_law():
     assert found.verdict == BOUNDED and found.until == 150.0 and len(found.octaves) == 8
     assert growth(T, 1e-11 * T, 8.0, rounding=2e-11 * T).verdict == ROUNDED
     assert growth(T, 1e-11 * T, 8.0, rounding=1e-12 * T).verdict == GROWS
-    assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T > 30, 1.0, 0.0)).verdict == ROUNDED  # too few octaves for a law, and rounding after them
-    assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T < 30, 1.0, 0.0)).verdict == INCONCLUSIVE  # out of rounding at last: not a law of successive octaves
+    # too few octaves for a law, and rounding after them; above rounding at last: no law of successive octaves
+    assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T > 30, 1.0, 0.0)).verdict == ROUNDED
+    assert growth(T, 1e-9 * WAVE, 8.0, rounding=np.where(T < 30, 1.0, 0.0)).verdict == INCONCLUSIVE
 
 
 @pytest.mark.parametrize(("alpha", "beta"), [(3, 2), (2, 3), (2, 2), (5, 0.5)])
 @pytest.mark.parametrize(("steps", "bound"), [({"dt": 1e-2, "method": "paper"}, 1e-5), ({"rtol": 1e-11}, 1e-2)])
 def test_a_start_off_the_joints_decays_as_alpha_and_beta_say(alpha, beta, steps, bound, compiled):
-    """In closed form. Bounds: h^4 (2 alpha)^5/120 s of the steps of order 4; the tolerance of 0.5 m over the 0.5 nm of the start."""
+    """In closed form. Bounds: h^4 (2 alpha)^5/120 s of order 4; the tolerance of 0.5 m over the 0.5 nm of the start."""
     scene = vary(load_scene(CAMPAIGNS / "off-its-pin.toml"), {"stabilization.alpha": alpha, "stabilization.beta": beta})
     run = ReferenceEngine().simulate(scene, **steps)
     found = decay_error(run, scene)

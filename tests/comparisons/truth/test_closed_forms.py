@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from truth_checks import balance, between_events, check_derivatives, cross, vector
 
-from stiction.comparisons.truth import (four_bar_truth, incline_truth, non_stop_limit, non_stop_peak, oscillator_truth, pendulum_truth,
-                                        slider_crank_truth, stick_slip_cycle)
+from stiction.comparisons.truth import (four_bar_truth, incline_truth, non_stop_limit, non_stop_peak, oscillator_truth,
+                                        pendulum_truth, slider_crank_truth, stick_slip_cycle)
 from stiction.comparisons.truth.closed_form.oscillator import first_zero
 from stiction.comparisons.truth.closed_form.pendulum import pendulum_angle
 from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation, PiecewiseMechanism, integrate
@@ -31,12 +32,6 @@ class Smooth(PiecewiseMechanism):
 
     def slip(self, mode):
         return ()
-
-
-def derivative(truth, t, name, h=1e-3):
-    """Central difference of fourth order: error about h^4, 1e-12 times the fifth derivative."""
-    a, b, c, d = (truth(t + k * h)[name] for k in (-2, -1, 1, 2))
-    return (a - 8 * b + 8 * c - d) / (12 * h)
 
 
 def test_den_hartog_peak():
@@ -77,12 +72,9 @@ def test_oscillator_reaches_the_closed_form_peak():
 def test_oscillator_obeys_its_equation(name, overrides):
     scene = load_scene(name, overrides)
     truth = oscillator_truth(scene, 30.0)
-    times = [event.time for event in truth.events]
-    t = np.linspace(0.01, 29.9, 700)
-    t = t[np.min(np.abs(t[:, None] - times), axis=1) > 0.003]
+    check_derivatives(truth, [("slider.x", "slider.vx"), ("slider.vx", "slider.ax")], 700, 1e-11)
+    t = between_events(truth, 700)
     c = truth(t)
-    np.testing.assert_allclose(derivative(truth, t, "slider.x"), c["slider.vx"], atol=1e-11)
-    np.testing.assert_allclose(derivative(truth, t, "slider.vx"), c["slider.ax"], atol=1e-11)
     k = scene.springs["spring"].stiffness
     load = np.cos(0.7 * t) if scene.forces else 0.0
     np.testing.assert_allclose(c["slider.ax"], load - k * c["slider.x"] + c["guide.friction"], atol=1e-12)  # mass 1 kg
@@ -204,27 +196,17 @@ def test_slider_crank_obeys_newton_and_euler():
     for body in scene.bodies:
         for position, velocity, acceleration in (("x", "vx", "ax"), ("y", "vy", "ay"), ("angle", "omega", "alpha")):
             # h^4/30 times a fifth derivative of up to (2 pi)^5
-            np.testing.assert_allclose(derivative(truth, t, f"{body}.{position}"), c[f"{body}.{velocity}"], atol=1e-8)
-            np.testing.assert_allclose(derivative(truth, t, f"{body}.{velocity}"), c[f"{body}.{acceleration}"],
-                                       atol=1e-7)
-    m = {name: body.mass for name, body in scene.bodies.items()}
+            check_derivatives(truth, [(f"{body}.{position}", f"{body}.{velocity}")], 300, 1e-8)
+            check_derivatives(truth, [(f"{body}.{velocity}", f"{body}.{acceleration}")], 300, 1e-7)
     inertia = {name: body.inertia for name, body in scene.bodies.items()}
-    pin = np.array([c["pin.fx"], c["pin.fy"]])  # on the rod
-    gravity = np.array([[0.0], [-9.81]])
-
-    def a(body):
-        return np.array([c[f"{body}.ax"], c[f"{body}.ay"]])
-
-    def cross(arm, force):
-        return arm[0] * force[1] - arm[1] * force[0]
-
-    across = m["slider"] * (a("slider") - gravity) + pin
-    np.testing.assert_allclose(across, [np.zeros_like(t), c["guide.normal_force"]], atol=1e-11)
-    crankpin = m["rod"] * (a("rod") - gravity) - pin  # on the rod
+    pin = vector(c, "pin.f")  # on the rod
+    np.testing.assert_allclose(balance(scene, "slider", c) + pin, [np.zeros_like(t), c["guide.normal_force"]],
+                               atol=1e-11)
+    crankpin = balance(scene, "rod", c) - pin  # on the rod
     end = np.array([np.cos(c["rod.angle"]), np.sin(c["rod.angle"])])
     np.testing.assert_allclose(inertia["rod"] * c["rod.alpha"], cross(end, pin) - cross(end, crankpin), atol=1e-10)
     arm = 0.25 * np.array([np.cos(c["crank.angle"]), np.sin(c["crank.angle"])])
-    pivot = m["crank"] * (a("crank") - gravity) + crankpin
+    pivot = balance(scene, "crank", c) + crankpin
     np.testing.assert_allclose(inertia["crank"] * c["crank.alpha"],
                                c["motor.effort"] - cross(arm, crankpin) - cross(arm, pivot), atol=1e-10)
 

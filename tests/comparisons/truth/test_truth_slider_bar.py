@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from quadrature import quadrature
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from truth_checks import check_contact, check_energy
 
 from stiction.comparisons.truth import NoMotion, slider_bar_truth, stick_threshold
 from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation, integrate
@@ -82,21 +82,7 @@ def test_motion_between_events_agrees_with_dop853(solved):
 
 def test_contact_and_friction_laws(solved):
     mechanism, truth = solved
-    c = truth(np.linspace(0, 24, 3001))
-    F = [c[f"guide.F{i}"] for i in (1, 2, 3, 4)]
-    assert all(np.all(force >= 0) for force in F)
-    assert np.all(F[0] * F[3] == 0) and np.all(F[1] * F[2] == 0)
-    np.testing.assert_allclose(F[0] + F[1] - F[2] - F[3], c["guide.normal_force"], atol=1e-12)
-    moment = 0.3 * (F[1] - F[0] + F[3] - F[2]) + 0.25 * (c["guide.friction_lower"] - c["guide.friction_upper"])
-    np.testing.assert_allclose(moment, c["guide.moment"], atol=1e-12)
-    load, slip = sum(F), c["guide.mode"] != 0
-    coulomb = -mechanism.contact.mu * c["guide.mode"] * load
-    np.testing.assert_allclose(c["guide.friction"][slip], coulomb[slip], atol=1e-12)
-    assert np.all(np.abs(c["guide.friction"]) <= mechanism.contact.mus * load + 1e-12)
-    assert np.all(c["slider.vx"][~slip] == 0)
-    # equal mobilization: both surfaces carry friction in proportion to their load
-    np.testing.assert_allclose(c["guide.friction_lower"] * (F[2] + F[3]), c["guide.friction_upper"] * (F[0] + F[1]),
-                               atol=1e-11)
+    check_contact(truth(np.linspace(0, 24, 3001)), "guide", mechanism.contact, 1e-12)
 
 
 def test_energy_balance(solved):
@@ -105,19 +91,16 @@ def test_energy_balance(solved):
 
 def check_energy_balance(mechanism, truth):
     """Change of kinetic, spring and potential energy = work of motor, load and friction."""
-    t, weight = quadrature(truth)
-    c = truth(t)
-    power = (c["motor.effort"] * mechanism.rate + c["guide.friction"] * c["slider.vx"]
-             + mechanism.F0 * np.sin(mechanism.frequency * t) * c["slider.vx"])
+    m = mechanism
 
-    def energy(t):
-        c = {name: value[0] for name, value in truth(t).items()}
-        return ((mechanism.m1 * (c["bar.vx"] ** 2 + c["bar.vy"] ** 2) + mechanism.m2 * c["slider.vx"] ** 2) / 2
-                + mechanism.m1 * mechanism.g * c["bar.y"]
-                + mechanism.stiffness * (c["slider.x"] - mechanism.L0) ** 2 / 2)
+    def energy(c):
+        return ((m.m1 * (c["bar.vx"] ** 2 + c["bar.vy"] ** 2) + m.m2 * c["slider.vx"] ** 2) / 2
+                + m.m1 * m.g * c["bar.y"] + m.stiffness * (c["slider.x"] - m.L0) ** 2 / 2)
 
-    # 1e-11: rounding of about 1e4 terms of up to 100 W
-    assert abs(energy(truth.t_end) - energy(0.0) - power @ weight) < 1e-11
+    def power(c, t):
+        return c["motor.effort"] * m.rate + (c["guide.friction"] + m.F0 * np.sin(m.frequency * t)) * c["slider.vx"]
+
+    check_energy(truth, energy, power, 1e-11)  # rounding of about 1e4 terms of up to 100 W
 
 
 def test_events_are_two_sided(solved):
@@ -225,7 +208,8 @@ THRESHOLDS = {"slider-bar-case-1": 4.21195626631, "slider-bar-case-1-mus-equals-
 """N. The last digits of the second are held by a long test, and by the theorem that comes with the suite."""
 
 
-@pytest.mark.parametrize("name", ["slider-bar-case-1", pytest.param("slider-bar-case-1-mus-equals-mu", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", ["slider-bar-case-1",
+                                  pytest.param("slider-bar-case-1-mus-equals-mu", marks=pytest.mark.long)])
 def test_threshold(name):
     threshold = stick_threshold(load_scene(name))
     assert threshold.uncertainty < 1e-10 and abs(threshold.F0 - THRESHOLDS[name]) < threshold.uncertainty + 1e-11

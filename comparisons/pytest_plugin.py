@@ -50,7 +50,7 @@ def stiction_scene(request: pytest.FixtureRequest) -> Callable[..., dict[str, fl
 def _numbers(scene: str, engine: str, folder: Path, *, dt: float | None = None, rtol: float | None = None, fidelity: str = "joint",
              overrides: Mapping[str, Any] | None = None, timeout_s: float = 120.0, **settings: Any) -> dict[str, float]:
     # imported here: pytest loads this module in every run of every project on the machine
-    from stiction.comparisons.campaigns.measurement import PlannedRun
+    from stiction.comparisons.campaigns.measurement import PlannedRun, row_of
     from stiction.comparisons.variants import Variant
     from stiction.engines import isolate
     from stiction.engines.reference.engine import compile_kernels
@@ -63,7 +63,7 @@ def _numbers(scene: str, engine: str, folder: Path, *, dt: float | None = None, 
     run = PlannedRun(loaded, Variant(engine, engine, parameter, (step,), fidelity, settings), step)
     compile_kernels()  # here, lest the child does it within its time limit
     [outcome] = isolate([run.task(("accuracy", "event", "drift", "counter"), 1)], workers=1, timeout_s=timeout_s)
-    row = run.row(outcome)
+    row = row_of(run, outcome)
     if row.status != "ok" or row.reason:
         pytest.fail(f"{row.key}: {row.status}: {row.reason}", pytrace=False)
     return {metric.name: metric.value for metric in row.metrics}

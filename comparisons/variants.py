@@ -15,6 +15,8 @@ from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.laws import Linear, Sine
 from stiction.scenes.model import LinearSpring
 
+PARAMETERS = ("dt", "rtol", "iterations")
+"""What is refined: a step (s), a relative tolerance, the iterations by which an engine solves a step."""
 
 OWN_CPU = "engine cpu [s]"
 """Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), of those in ``cpu [s]``."""

@@ -12,9 +12,8 @@ from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.cli.render import duration
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
-from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.comparison import Comparison, records_comparison
 from stiction.comparisons.campaigns.participants import cost_variants, extent, threshold_variants, variants
-from stiction.comparisons.campaigns.single_scene import records_comparison
 from stiction.comparisons.campaigns.validation import _Watch, union
 from stiction.comparisons.depth import Depth, down_to
 from stiction.comparisons.hard import hard_cases

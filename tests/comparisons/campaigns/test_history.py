@@ -21,7 +21,7 @@ from stiction.comparisons.campaigns.history import HistoryRefused, open_history
 from stiction.comparisons.campaigns.measurement import Metric, Row
 from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.environment import origin
-from stiction.comparisons.timing.nightly_time import TIME
+from stiction.comparisons.timing.calibration import TIME
 from stiction.cli.app import app
 from stiction.cli.exit_codes import COULD_NOT_RUN, NOT_COMPARED
 

@@ -381,12 +381,12 @@ def test_campaign_of_the_suite_and_its_baseline_belong_together():
 
 def test_a_check_has_a_run_of_every_engine_that_is_followed():
     campaign = load_campaign()
-    runs = campaign.check.runs
+    runs = campaign.check_runs
     assert {run.key for run in runs} < {run.key for run in campaign.runs}
     assert {run.variant.engine for run in runs if run.variant} == {variant.engine for variant in campaign.variants} == set(BUILT_IN)
     [scene] = campaign.every
     assert all(run.followed == (run.scene.name == scene) for run in [*runs, *campaign.runs] if run.variant)
-    brief = [run for run in runs if run.variant and run.variant.label in campaign.check.brief]
+    brief = [run for run in runs if run.variant and run.variant.label not in campaign.check.variants]
     assert {run.scene.name for run in brief} == {scene} and all(run.step == run.variant.ladder[0] for run in brief)
 
 

@@ -1,5 +1,6 @@
 """Random scenes of a night: runs in its history and its budget, right or wrong without a baseline; and the command line of such studies."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,7 @@ from typer.testing import CliRunner
 
 from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, updated
 from stiction.comparisons.campaigns.history import open_history
-from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, Measured
+from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, row_of
 from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.campaigns.regression import COULD_NOT_RUN, REGRESSION, findings
 from stiction.comparisons.environment import origin
@@ -21,6 +22,7 @@ from stiction.cli.app import app
 from stiction.cli.exit_codes import COULD_NOT_RUN as COULD_NOT_RUN_CODE
 from stiction.cli.exit_codes import NOT_COMPARED, REGRESSED
 
+DRAW = Draw("slider-bars", 7, 0, 2)
 CAMPAIGN = """
 scenes = ["block-on-incline"]
 measure = ["counter"]
@@ -99,9 +101,10 @@ def test_seed_is_the_nights_own_and_batches_are_of_one_stream():
 
 @pytest.mark.parametrize(("outcome", "severity"), [
     (Outcome("", "timed out", reason="no result within 1 s"), COULD_NOT_RUN), (Outcome("", "failed", reason="ValueError: x"), COULD_NOT_RUN),
-    (Outcome("", "ok", Measured("1", WRONG, "silently wrong: ..")), REGRESSION), (Outcome("", "ok", Measured("1")), None)])
+    (Outcome("", "ok", replace(DRAW.row, status=WRONG, reason="silently wrong: ..")), REGRESSION),
+    (Outcome("", "ok", replace(DRAW.row, status="ok")), None)])
 def test_findings_need_no_baseline(outcome, severity):
-    row = Draw("slider-bars", 7, 0, 2).row(outcome)
+    row = row_of(DRAW, outcome)
     found = findings([row], Baseline(format=FORMAT), (), {}, "")
     assert [finding.severity for finding in found] == ([] if severity is None else [severity])
     assert all("seed 7" in finding.reason for finding in found)
@@ -109,7 +112,7 @@ def test_findings_need_no_baseline(outcome, severity):
 
 
 def test_no_baseline_holds_a_draw():
-    row = Draw("slider-bars", 7, 0, 2).row(Outcome("", "ok", Measured("1")))
+    row = replace(DRAW.row, status="ok")
     assert updated(Baseline(format=FORMAT), [row], "why", origin(), {row.key}).runs == {}
 
 

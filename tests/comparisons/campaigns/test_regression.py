@@ -11,14 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, BaselineError, BaselineRefused, load_baseline, updated, write_baseline
-from stiction.comparisons.campaigns.measurement import KINDS, MOTION, PATH, TRUTH, Metric, Row
+from stiction.comparisons.campaigns.measurement import (GRID, KINDS, MOTION, MOVED, ORDER, PATH, TRUTH, WAYS, Metric, Row,
+                                                        disturbed)
 from stiction.comparisons.campaigns.regression import (BETTER, BOUND_HISTORY, COULD_NOT_RUN, FEWEST, FINE, HISTORY, IN_TURNS, NEW, NOT_JUDGED, NOTHING,
                                                        REGRESSION, Finding, Times, compared, findings, verdict)
-from stiction.comparisons.campaigns.rounding import GRID, MOVED, ORDER, WAYS, disturbed, with_rounding
-from stiction.comparisons.campaigns.tolerances import FACTOR, FURTHER, MARGIN
+from stiction.comparisons.campaigns.tolerances import FACTOR, FURTHER, MARGIN, with_rounding
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
-from stiction.comparisons.timing.nightly_time import TIME
+from stiction.comparisons.timing.calibration import TIME
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN
 from stiction.engines import load_engine

@@ -37,11 +37,10 @@ class Comparison(Generic[T]):
 
     Attributes
     ----------
-    tasks : tuple of Task
     tabulate : callable
         Makes the yield of the comparison from the outcomes of its tasks, in their order.
     variants : tuple of Variant
-        Those that take part: their engines are prepared first.
+        Their engines are prepared first.
     rounds : int
         Rounds in which its runs are timed, at least; 0: they are not. The tasks of a timed comparison are simulations,
         and the values of their outcomes are `stiction.comparisons.timing.rounds.Timing`.

@@ -64,15 +64,10 @@ WAYS = (*(f"{MOVED} {seed}" for seed in (1, 2, 3)), ORDER, GRID)
 class Metric:
     """A number: `name` with its unit, `kind` one of `KINDS`, `TRUTH` or `RANDOM`.
 
-    Attributes
-    ----------
-    uncertainty : float or None
-        In the unit of the value; None where none is known. An error has that of the truth. A time has the distance of
-        the second shortest repeat from the shortest.
-    tier : str
-        Of the truth behind it: what an error was measured against. ``our own run`` for counters and times.
-    rounding : float or None
-        Largest change by rounding alone, see `tolerances.with_rounding`; None where that was not measured.
+    `uncertainty` is in the unit of the value, None where none is known: of an error that of the truth, of a time the
+    distance of the second shortest repeat from the shortest. `tier` is that of the truth that an error was measured
+    against, ``our own run`` for counters and times. `rounding` is the largest change by rounding alone
+    (`tolerances.with_rounding`), None where that was not measured.
     """
 
     name: str

@@ -23,8 +23,8 @@ from stiction.comparisons.campaigns.tolerances import with_rounding
 from stiction.comparisons.digest import circumstances, digest
 from stiction.comparisons.environment import origin
 from stiction.comparisons.random_scenes.night_draws import Draw, draws_of_night, sentences_on_draws
-from stiction.comparisons.timing.calibration import calibration_kernel
 from stiction.comparisons.timing.older_code import times_in_turns
+from stiction.comparisons.timing.reduced_integrator import calibration_kernel
 from stiction.engines.isolation import Isolate, Outcome, isolate
 
 HISTORY = "history.sqlite"
@@ -37,29 +37,11 @@ OnRow = Callable[[Row], None] | None
 
 @dataclass(frozen=True)
 class Result:
-    """Rows and findings of a night or a check.
+    """Rows and findings of a night, or of a ``check``; both of all runs, worst findings first.
 
-    Attributes
-    ----------
-    name : str
-        Of the night; ``check``.
-    rows : tuple of Row
-        Every run of it, failures included.
-    findings : tuple of Finding
-        Worst first.
-    verdict : str
-        See `regression.verdict`.
-    origin : Mapping
-        See `environment.origin`.
-    compared : int
-        Runs that were compared with something.
-    wall_s : float
-    resumed : int
-        Rows that an interrupted run of the same night had made.
-    random : str
-        Sentences on the random scenes, with their seed; empty if none were drawn.
-    first_nights : Mapping[str, str]
-        By key, of runs that the baseline does not have, the first night that has them, with which they are compared.
+    `compared` is the number of runs that were compared with something, `resumed` that of rows which an interrupted run
+    of the same night had made. `random` has sentences on the random scenes. `first_nights` has, by key of runs that the
+    baseline does not have, the first night that has them, with which they are compared.
     """
 
     name: str
@@ -134,7 +116,7 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
 
 def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = None, control: Path | None = None, *,
               whole: bool = False, on_start: OnStart = None, on_result: OnRow = None) -> Result:
-    """Run the part of a campaign for checks.
+    """Run the part of a campaign for checks, or the `whole`.
 
     Parameters
     ----------
@@ -142,8 +124,6 @@ def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = Non
         File with nights, for times; the baseline's where None.
     control
         Checkout of the code before, to be timed against in turns; without it, times lead to no verdict.
-    whole
-        Run all of the campaign.
 
     Raises
     ------

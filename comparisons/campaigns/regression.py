@@ -68,20 +68,9 @@ _MORE_IS_BETTER = ("events matched",)
 class Finding:
     """Something that is not as the baseline has it.
 
-    Attributes
-    ----------
-    severity : str
-        One of `SEVERITIES`.
-    kind : str
-        ``status``, ``truth``, ``random``, ``event``, ``accuracy``, ``motion``, ``drift``, ``counter``, ``time``.
-    key, metric : str
-        The run, and its number; empty for the status.
-    before, now : float, str or None
-        In the baseline or history, and in this run; None where there is none.
-    ratio : float
-        Of the larger size to the smaller one; infinite where that means nothing.
-    reason : str
-        Why this is not noise, in words.
+    `severity` is one of `SEVERITIES`; `kind` is that of the number, or ``status``, where `metric` is empty. `before` is
+    of the baseline or the history, `now` of this run; None where there is none. `ratio` is that of the larger to the
+    smaller size, infinite where that means nothing. `reason` says why this is not noise.
     """
 
     severity: str
@@ -104,12 +93,10 @@ class Times:
 
 def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], times: Mapping[str, Times],
              conditions: str, turns: Mapping[str, Mapping[str, float] | str] = MappingProxyType({})) -> list[Finding]:
-    """Return all that is not as the baseline has it, worst first.
+    """Return all that is not as the baseline has it, worst first. Rows that only the baseline has are not missed.
 
     Parameters
     ----------
-    rows
-        What was run. Rows that only the baseline has are not missed.
     kinds
         Kinds of numbers that were measured.
     times

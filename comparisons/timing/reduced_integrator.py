@@ -5,21 +5,39 @@ It shows how fast an integrator can be that knows the reduced equation
 reference. Events are found by repeating the step with its length chosen by regula falsi on the event function, so that
 there is no dense output to pay for. Coefficients: Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I,
 Sect. II.5, as scipy has them.
+
+It is the calibration kernel, too: compiled arithmetic of known size as in the reference, adaptive, with events, and
+nothing of the reference in it.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numba import njit
 from scipy.integrate._ivp import dop853_coefficients as dop853
 
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
-from stiction.scenes import InputError, Scene
+from stiction.scenes import InputError, Scene, load_scene
 
 A, B, C = dop853.A[:12, :12].copy(), dop853.B.copy(), dop853.C[:12].copy()
 E3, E5 = dop853.E3.copy(), dop853.E5.copy()
 NOISE = 1e-13
 """Event functions, of the order of 1 to 10 (N, m/s), above minus this are not negative: rounding after their event."""
+
+CALIBRATION = 24.0, 1e-9
+"""Seconds and tolerance of the integration of case 1 that is the calibration kernel."""
+
+
+@cache
+def calibration_kernel() -> Callable[[], Any]:
+    """Return the kernel, compiled or loaded from the cache on disk."""
+    p = parameters(load_scene("slider-bar-case-1"))
+    integrate(p, *CALIBRATION)  # compiles
+    return lambda: integrate(p, *CALIBRATION)
 
 
 def parameters(scene: Scene) -> np.ndarray:

@@ -11,9 +11,8 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.digest import digest, scene_digest
-from stiction.comparisons.timing.disturbance import load, others
 from stiction.comparisons.timing.intervals import median_interval
-from stiction.comparisons.timing.rounds import Sample, Timing, in_rounds, visit
+from stiction.comparisons.timing.rounds import Sample, Timing, in_rounds, load, others, visit
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines.isolation import Isolate, Outcome, Task
 from stiction.scenes import Scene, Trajectory, vary
@@ -35,7 +34,7 @@ def computation(engine: str, scene: Scene, arguments: Mapping[str, Any], run: Tr
 
 
 def call_of(task: Task) -> str:
-    """Digest of what a task computes, whatever it is called: its function and all arguments, scenes by their content."""
+    """Digest of a task whatever its label: its function and all arguments, scenes by their content."""
     return digest([task.function.__module__, task.function.__qualname__, task.args])
 
 

@@ -1,4 +1,4 @@
-"""How far `stiction validate` goes; what each depth runs is data of ``campaigns/validation.toml``."""
+"""Depth of `stiction validate`; the runs of each are data of ``campaigns/validation.toml``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Depth(StrEnum):
 
 
 Finest = dict[Literal[PARAMETERS], Positive]
-"""By parameter, the finest value of a refinement series; all values where a parameter is not named."""
+"""Finest value of a refinement series by parameter; all values where a parameter is not named."""
 
 
 class Extent(Model):
@@ -34,11 +34,11 @@ class Extent(Model):
     limit: Positive
     """Seconds that one run or measurement may take."""
     runs: Finest = {}
-    """Of the runs that are compared."""
+    """Finest runs that are compared."""
     cost: Finest = {}
-    """Of work-precision diagrams."""
+    """Finest runs of work-precision diagrams."""
     threshold: Finest = {}
-    """Of the stick threshold."""
+    """Finest runs of the stick threshold."""
     bracket: Positive
     """N; width of a stick threshold's bracket."""
     repeats: Annotated[int, Field(ge=1)]

@@ -1,4 +1,4 @@
-"""Where numbers come from: versions, machine, commit."""
+"""Origin of numbers: versions, machine, commit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SUITE = "stiction"
 PACKAGES = (SUITE, "numpy", "scipy", "numba", "pandas", "pyarrow", "matplotlib", "python-flint")
 UNKNOWN = "the system does not tell"
 CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
-"""Where Linux has the caches that the first processor uses."""
+"""Caches of the first processor on Linux."""
 ROOT = Path(__file__).resolve().parent.parent
 
 

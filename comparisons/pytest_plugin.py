@@ -21,7 +21,7 @@ def stiction_scene(request: pytest.FixtureRequest) -> Callable[..., dict[str, fl
     Parameters of the call
     ----------------------
     scene : str
-        A name of the catalogue, or a TOML file beside the test.
+        A name of the catalogue, or a TOML file in the folder of the test.
     engine : str
         A name or ``module:Class``.
     dt, rtol : float

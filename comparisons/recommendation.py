@@ -15,7 +15,7 @@ from stiction.scenes import catalogue, load_scene
 
 POSITION = "position error [m]"
 SAMPLES = 2401
-"""Of a truth, to find the slider's stroke: every 10 ms of 24 s."""
+"""Samples of a truth, to find the slider's stroke: every 10 ms of 24 s."""
 
 
 def mechanism_in_words(results: Results) -> str:

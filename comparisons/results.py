@@ -14,7 +14,7 @@ from stiction.comparisons.variants import Record
 
 @dataclass(frozen=True)
 class Results:
-    """What the main job yields.
+    """Yield of the main job.
 
     Attributes
     ----------
@@ -48,5 +48,5 @@ class Results:
     problems: tuple[Problem, ...] = ()
 
     def table(self, name: str) -> pd.DataFrame:
-        """A table, rows numbered from 0 as in the data; an empty one where the study was not made."""
+        """Return a table, rows numbered from 0 as in the data; an empty one where the study was not made."""
         return self.tables.get(name, pd.DataFrame()).reset_index(drop=True)

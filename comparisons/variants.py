@@ -16,7 +16,7 @@ from stiction.scenes.laws import Linear, Sine
 from stiction.scenes.model import LinearSpring
 
 PARAMETERS = ("dt", "rtol", "iterations")
-"""What is refined: a step (s), a relative tolerance, the iterations by which an engine solves a step."""
+"""Parameters that are refined: a step (s), a relative tolerance, the iterations by which an engine solves a step."""
 
 OWN_CPU = "engine cpu [s]"
 """Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), part of ``cpu [s]``."""

@@ -1,4 +1,4 @@
-"""What runs are held to: a versioned TOML file with every number, its uncertainty and the tier of the truth behind it.
+"""Baseline of the runs: a versioned TOML file with every number, its uncertainty and the tier of the truth behind it.
 
     [[updates]]
     date = "2026-03-01"

@@ -1,4 +1,4 @@
-"""What is run every night, and the part of it that a check runs: a TOML file, validated like a scene.
+"""Campaign: runs of every night, and the part of them that a check makes, in a TOML file validated like a scene.
 
     title = ".."
     scenes = ["slider-bar-case-1", "mine.toml"]     # of the catalogue, or files in the folder of this one
@@ -180,7 +180,7 @@ class Campaign(Model):
     budget: _Budget = _Budget()
     check: _Check | None = None
     depths: dict[Depth, Extent] = {}
-    """Of the campaign of `stiction validate`; no other has any."""
+    """Extents of `stiction validate`; no other campaign has any."""
     _name: str = ""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:

@@ -3,7 +3,7 @@
 The numbers are made in the child process that simulates, the truth included, so that nothing that happens to any of
 them can end the campaign, and no trajectory has to travel.
 
-A run can be made again with what nobody would call a change: masses and gravity are moved by some units in the last
+A run can be made again with changes of rounding only: masses and gravity are moved by some units in the last
 place, bodies stand in another order, samples are kept half as often. It then differs as the run on another processor,
 or with another library, does (`stiction.comparisons.campaigns.tolerances`).
 """
@@ -15,7 +15,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, vary
+
+if TYPE_CHECKING:
+    from stiction.comparisons.random_scenes.night_draws import Draw
 
 TRUTH = "truth"
 """Kind of the numbers that say what is true, and engine and variant of their rows."""
@@ -164,8 +167,8 @@ class PlannedRun:
         return Task(self.key, _run_row, (self, tuple(kind for kind in kinds if kind != MOTION or followed), repeats))
 
 
-def row_of(run: Any, outcome: Outcome) -> Row:
-    """Return the row of a run, a `PlannedRun` or one of `night_draws.Draw`, whose task had an outcome."""
+def row_of(run: PlannedRun | Draw, outcome: Outcome) -> Row:
+    """Return the row of a run whose task had an outcome."""
     if outcome.status == "ok":
         return outcome.value
     return replace(run.row, status=outcome.status, reason=outcome.reason, traceback=outcome.traceback)

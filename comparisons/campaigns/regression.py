@@ -1,4 +1,4 @@
-"""What has changed beyond noise: runs against the baseline, times against the history.
+"""Changes beyond noise: of runs against the baseline, of times against the history.
 
 A run is compared with that of the same identity in the baseline; one that it does not have is new.
 
@@ -252,7 +252,7 @@ def _of_error(row: Row, old: Metric, new: Metric) -> Finding | None:
 
 _RULES = {"event": _of_count, "counter": _of_count, MOTION: _of_path, TRUTH: _of_own_truth, "accuracy": _of_error,
           "drift": _of_error}
-"""By kind, the finding of a number that both the row and the baseline have; those of times are `_of_time`."""
+"""Finding of a number that both the row and the baseline have, by kind; those of times are `_of_time`."""
 
 
 def _changed(severity: str, row: Row, old: Metric, new: Metric, words: str) -> Finding:
@@ -278,7 +278,7 @@ def _of_time(key: str, old: Metric, times: Times, alike: bool) -> Finding | None
     ratio = _ratio(before, now)
     why = "a busy machine does that too" if alike else "the baseline was made under other conditions"
     return Finding(NOT_JUDGED, "time", key, old.name, before, now, ratio,
-                   f"{ratio:.2f} times as {'slow' if slow else 'fast'} at least in {len(times.now)}; told from "
+                   f"{ratio:.2f} times as {'slow' if slow else 'fast'} at least in {len(times.now)}; reported from "
                    f"{factor:.2f} times {words}; no verdict: {why}, `stiction check --control` decides")
 
 

@@ -15,7 +15,7 @@ from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 
 FACTOR = {"rtol": 30.0, "dt": 2.0}
-"""By the parameter of a run, largest ratio of an error to the baseline's.
+"""Largest ratio of an error to the baseline's, by the parameter of a run.
 
 Another machine or library changes the rounding, and with it the steps that an adaptive method rejects. A tolerance
 changed by 1e-6 of itself moves errors by factors of up to 13 (Baumgarte on mass-on-belt, rtol 1e-11;
@@ -23,7 +23,7 @@ tests/comparisons/campaigns/test_regression.py). At rtol 1e-9 it would be 54: th
 stability sets Baumgarte's steps, and the errors are chance. Fixed steps stay where they are.
 """
 MARGIN = {PROVEN: 2.0, CLOSED_FORM: 2.0, HIGH_PRECISION: 2.0, PUBLISHED: 2.0, OWN_RUN: 10.0}
-"""By tier, largest difference of an error in uncertainties of the truth, whatever the baseline says: that of now and
+"""Largest difference of an error by tier, in uncertainties of the truth, whatever the baseline says: that of now and
 that of then. Our own run has the difference of two tolerances of one method as its uncertainty, so ten times that."""
 
 PATH_MOVED = 1e-6
@@ -31,7 +31,7 @@ PATH_MOVED = 1e-6
 relative change of a mass by 1e-13 moves the path by 1e-11 at most, in every engine; 1 % more friction by 2.5e-3."""
 
 FURTHER = {"accuracy": 2.0, "drift": 2.0, "counter": 3.0}
-"""By kind, factor on the largest change in the runs that were made again, of which there are few."""
+"""Factor on the largest change in the runs that were made again, of which there are few; by kind."""
 
 
 def bound(error: float, parameter: str, margin: float) -> float:

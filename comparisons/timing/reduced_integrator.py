@@ -89,7 +89,7 @@ def _holds(p, t, x, s):
 
 @njit(cache=True, error_model="numpy")
 def _corners(p, t, x, v, s, event):
-    """The corner signs that agree best with the forces they lead to."""
+    """Return the corner signs that agree best with the forces they lead to."""
     best, b1, b2 = -np.inf, 1.0, 1.0
     for s1 in (1.0, -1.0):
         for s2 in (1.0, -1.0):
@@ -102,7 +102,7 @@ def _corners(p, t, x, v, s, event):
 
 @njit(cache=True, error_model="numpy")
 def _step(p, t, h, x, v, s, s1, s2, kx, kv, event):
-    """The new state, and whether an event function was negative at a stage; kx[0], kv[0] hold y'(t)."""
+    """Return the new state, and true if an event function was negative at a stage; kx[0], kv[0] hold y'(t)."""
     passed = False
     for i in range(1, 13):
         dx, dv = 0.0, 0.0

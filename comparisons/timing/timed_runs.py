@@ -90,7 +90,7 @@ def timed(task: Task, outcome: Outcome, times: Mapping[str, Timing], budget_s: f
 
 
 def with_cost(run: Trajectory, timing: Timing | None) -> Trajectory:
-    """A run with the medians of its timing as its cost; nan where it was not timed alone."""
+    """Return a run with the medians of its timing as its cost; nan where it was not timed alone."""
     samples = timing.samples if timing is not None else ()
     setup, stepping, own = (median(getattr(sample, name) for sample in samples) if samples else np.nan
                             for name in ("setup_s", "stepping_s", "own_s"))
@@ -112,7 +112,7 @@ def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:
 
 
 def machine_while_timing(samples: pd.DataFrame) -> dict[str, Any]:
-    """The machine over all rounds of `samples_table`, for the provenance; empty where nothing was timed.
+    """Describe the machine over all rounds of `samples_table`, for the provenance; empty where nothing was timed.
 
     The calibration kernel in ms, as median with interval, in the first round, in all, and in the last. All runs share
     the rounds, so that each round has one load by others: median and largest.

@@ -11,7 +11,7 @@ from stiction.scenes import InputError, StictionError
 
 
 class NotWritten(StictionError):
-    """The system failed while something was being written: a full disk, a folder that is gone. What was there before is still there."""
+    """The system failed during writing: a full disk, a folder that is gone. The old content is still there."""
 
     def __init__(self, path: Path, error: OSError):
         super().__init__(f"{path}: not written: {error.strerror or error}; what was there before is untouched")
@@ -22,13 +22,13 @@ class FolderMissing(InputError):
 
 
 def partial_name(path: Path) -> Path:
-    """The sibling that a file or folder is written to; one that a killed process has left may be deleted."""
+    """Return the sibling that a file or folder is written to; one that a killed process has left may be deleted."""
     return path.with_name(f".{path.name}.partial-{os.getpid()}")
 
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """A path to write to that becomes `path` when the block ends, on the disk, and vanishes if the block raises.
+    """Give a path to write to that becomes `path` when the block ends, on the disk, and vanishes if the block raises.
 
     Raises
     ------
@@ -60,7 +60,8 @@ def make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FolderMissing(f"{path}: {error.strerror}; expected a folder, or a name for one that can be made") from error
+        words = f"{path}: {error.strerror}; expected a folder, or a name for one that can be made"
+        raise FolderMissing(words) from error
 
 
 def write_text(path: str | Path, text: str) -> None:

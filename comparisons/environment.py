@@ -1,4 +1,4 @@
-"""Where numbers come from: versions, machine, commit."""
+"""Origin of numbers: versions, machine, commit."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ SUITE = "stiction"
 PACKAGES = (SUITE, "numpy", "scipy", "numba", "pandas", "pyarrow", "matplotlib", "python-flint")
 UNKNOWN = "the system does not tell"
 CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
-"""Where Linux has the caches that the first processor uses."""
+"""Caches of the first processor on Linux."""
 ROOT = Path(__file__).resolve().parent.parent
 
 
 def origin() -> dict[str, Any]:
-    """``versions``, ``machine``, ``conditions`` and ``commit`` (its hash, ``-dirty`` where files differ, or None), ready for JSON."""
+    """Return versions, machine, conditions and commit (None, or its hash, ``-dirty`` where files differ) for JSON."""
     found = commit()
-    return {"versions": versions(), "machine": machine(), "conditions": conditions(), "commit": found and found["hash"] + "-dirty" * found["dirty"]}
+    return {"versions": versions(), "machine": machine(), "conditions": conditions(),
+            "commit": found and found["hash"] + "-dirty" * found["dirty"]}
 
 
 def versions() -> dict[str, str]:
@@ -33,7 +34,7 @@ def versions() -> dict[str, str]:
 
 
 def requirements() -> list[str]:
-    """``name==version`` of what is installed here of all that the suite and its engines need, sorted: as pip reads it."""
+    """Return installed requirements of the suite and its engines as pip reads them: ``name==version``, sorted."""
     found, waiting, seen = dict[str, str](), [Requirement(f"{SUITE}[all]")], set[tuple[str, ...]]()
     while waiting:
         wanted = waiting.pop()
@@ -47,31 +48,35 @@ def requirements() -> list[str]:
             continue  # of an extra
         found[name] = package.version
         needed = map(Requirement, package.requires or ())
-        waiting += [one for one in needed if one.marker is None or any(one.marker.evaluate({"extra": extra}) for extra in ("", *wanted.extras))]
+        extras = [{"extra": extra} for extra in ("", *wanted.extras)]
+        waiting += [one for one in needed if one.marker is None or any(map(one.marker.evaluate, extras))]
     return [f"{name}=={number}" for name, number in sorted(found.items()) if name != SUITE]
 
 
 def machine() -> dict[str, Any]:
-    """What stays the same from run to run; ``load`` has what does not. What the system does not tell is said to be unknown."""
+    """Return what stays the same from run to run, some of it unknown to the system; ``load`` has what does not."""
     physical = psutil.cpu_count(logical=False)
-    return {"cpu": _cpu_model(), "logical cores": os.cpu_count(), "physical cores": physical or UNKNOWN, "largest frequency": _largest_frequency(),
-            "caches": _caches() or UNKNOWN, "memory": f"{psutil.virtual_memory().total / 2 ** 30:.1f} GiB", "os": platform.platform()}
+    return {"cpu": _cpu_model(), "logical cores": os.cpu_count(), "physical cores": physical or UNKNOWN,
+            "largest frequency": _largest_frequency(), "caches": _caches() or UNKNOWN,
+            "memory": f"{psutil.virtual_memory().total / 2 ** 30:.1f} GiB", "os": platform.platform()}
 
 
 def load() -> dict[str, Any]:
-    """What the machine does now: its frequency, processes that wait for a processor (mean of a minute), memory that is left."""
+    """Return frequency, processes that wait for a processor (mean of a minute), and memory left, now."""
     try:
         frequency = f"{psutil.cpu_freq().current:.0f} MHz"
     except (AttributeError, NotImplementedError, OSError):  # None where it is not known
         frequency = UNKNOWN
-    return {"frequency": frequency, "load": round(psutil.getloadavg()[0], 2), "memory left": f"{psutil.virtual_memory().available / 2 ** 30:.1f} GiB"}
+    return {"frequency": frequency, "load": round(psutil.getloadavg()[0], 2),
+            "memory left": f"{psutil.virtual_memory().available / 2 ** 30:.1f} GiB"}
 
 
 def conditions() -> str:
-    """Of what rounding and times depend on besides the code that is judged: processor, interpreter, numerical libraries.
+    """Return the processor, interpreter and numerical libraries, on which rounding and times depend besides the code.
 
-    A processor's marketing name may stand for several generations ("AMD EPYC" in virtual machines), so LLVM's name of its architecture
-    is with it. Linear algebra picks its kernels by the widest vectors, which a virtual machine may hide.
+    A processor's marketing name may stand for several generations ("AMD EPYC" in virtual machines), so LLVM's name of
+    its architecture is with it. Linear algebra picks its kernels by the widest vectors, which a virtual machine may
+    hide.
     """
     from llvmlite import binding as llvm
 
@@ -83,7 +88,7 @@ def conditions() -> str:
 
 
 def commit(root: Path = ROOT) -> dict[str, Any] | None:
-    """Commit of the checkout whose root is `root` and whether files in it differ; None outside of a checkout."""
+    """Return the commit of the checkout in `root` and whether files in it differ; None outside of a checkout."""
     if not (root / ".git").exists():
         return None
     try:
@@ -96,10 +101,11 @@ def commit(root: Path = ROOT) -> dict[str, Any] | None:
 
 
 def source_digest() -> str:
-    """Of the code, the catalogue and the proven truths that numbers come from: a run is the same as another only if it is."""
+    """Return the digest of the code, the catalogue and the proven truths that numbers come from."""
     digest = hashlib.sha256()
     for package in ("scenes", "reference_impl", "engines", "comparisons"):
-        for path in sorted(path for path in (ROOT / package).rglob("*") if path.suffix in (".py", ".gz") or path.suffix == ".toml" and package == "scenes"):
+        kinds = (".py", ".gz", ".toml") if package == "scenes" else (".py", ".gz")
+        for path in sorted(path for path in (ROOT / package).rglob("*") if path.suffix in kinds):
             digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
@@ -120,7 +126,7 @@ def _largest_frequency() -> str:
 
 
 def _caches() -> str:
-    """``L1d 32K, L1i 32K, L2 1024K, L3 36608K``; empty where they are not told."""
+    """``L1d 32K, L1i 32K, L2 1024K, L3 36608K``; empty where the system has none."""
     found = {}
     for index in CACHES.glob("index*"):
         try:
@@ -132,7 +138,7 @@ def _caches() -> str:
 
 
 def _cpu_model() -> str:
-    """The processor's own name; Linux has it in /proc/cpuinfo, elsewhere the platform's word has to do."""
+    """Return the processor's name; Linux has it in /proc/cpuinfo, elsewhere the platform's word has to do."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

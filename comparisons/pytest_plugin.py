@@ -21,7 +21,7 @@ def stiction_scene(request: pytest.FixtureRequest) -> Callable[..., dict[str, fl
     Parameters of the call
     ----------------------
     scene : str
-        A name of the catalogue, or a TOML file beside the test.
+        A name of the catalogue, or a TOML file in the folder of the test.
     engine : str
         A name or ``module:Class``.
     dt, rtol : float
@@ -38,19 +38,20 @@ def stiction_scene(request: pytest.FixtureRequest) -> Callable[..., dict[str, fl
     Returns
     -------
     dict of float
-        Errors against the best truth there is, events, drift and counters: ``"position error [m]"``, ``"velocity error [m/s]"``,
-        ``"torque error, L1 mean [N m]"``, ``"event time error [s]"``, ``"events missed"``, ``"position drift, max [m]"``, ``"steps"``, .. as far
-        as scene and engine have them.
+        Errors against the best truth there is, events, drift and counters, as far as scene and engine have them:
+        ``"position error [m]"``, ``"velocity error [m/s]"``, ``"torque error, L1 mean [N m]"``,
+        ``"event time error [s]"``, ``"events missed"``, ``"position drift, max [m]"``, ``"steps"``, ..
 
-    A run that does not come out, or not to its end, fails the test with the engine's own words.
+    A run that fails, or ends early, fails the test with the engine's own words.
     """
     return lambda scene, engine, **options: _numbers(scene, engine, request.path.parent, **options)
 
 
-def _numbers(scene: str, engine: str, folder: Path, *, dt: float | None = None, rtol: float | None = None, fidelity: str = "joint",
-             overrides: Mapping[str, Any] | None = None, timeout_s: float = 120.0, **settings: Any) -> dict[str, float]:
+def _numbers(scene: str, engine: str, folder: Path, *, dt: float | None = None, rtol: float | None = None,
+             fidelity: str = "joint", overrides: Mapping[str, Any] | None = None, timeout_s: float = 120.0,
+             **settings: Any) -> dict[str, float]:
     # imported here: pytest loads this module in every run of every project on the machine
-    from stiction.comparisons.campaigns.measurement import PlannedRun
+    from stiction.comparisons.campaigns.measurement import PlannedRun, row_of
     from stiction.comparisons.variants import Variant
     from stiction.engines import isolate
     from stiction.engines.reference.engine import compile_kernels
@@ -63,7 +64,7 @@ def _numbers(scene: str, engine: str, folder: Path, *, dt: float | None = None, 
     run = PlannedRun(loaded, Variant(engine, engine, parameter, (step,), fidelity, settings), step)
     compile_kernels()  # here, lest the child does it within its time limit
     [outcome] = isolate([run.task(("accuracy", "event", "drift", "counter"), 1)], workers=1, timeout_s=timeout_s)
-    row = run.row(outcome)
+    row = row_of(run, outcome)
     if row.status != "ok" or row.reason:
         pytest.fail(f"{row.key}: {row.status}: {row.reason}", pytrace=False)
     return {metric.name: metric.value for metric in row.metrics}

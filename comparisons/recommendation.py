@@ -1,4 +1,4 @@
-"""What to use: the answer of page one, in three sentences, from the tables of accuracy and of cost."""
+"""Recommendation of page one, in three sentences, from the tables of accuracy and of cost."""
 
 from __future__ import annotations
 
@@ -15,74 +15,84 @@ from stiction.scenes import catalogue, load_scene
 
 POSITION = "position error [m]"
 SAMPLES = 2401
-"""Of a truth, to find the slider's stroke: every 10 ms of 24 s."""
+"""Samples of a truth, to find the slider's stroke: every 10 ms of 24 s."""
 
 
 def mechanism_in_words(results: Results) -> str:
-    """What was simulated, in two lines; empty where no truth is there."""
-    scenes = [name for name in dict.fromkeys(record.scene for record in results.records) if name in catalogue() and name in results.truths]
+    """Describe what was simulated, in two lines; empty where no truth is there."""
+    scenes = [name for name in dict.fromkeys(record.scene for record in results.records)
+              if name in catalogue() and name in results.truths]
     if not scenes:
         return ""
     truths = [results.truths[name] for name in scenes]
     guide = next(iter(load_scene(scenes[0]).frictional_guides.values()), None)
     columns = [truth(np.linspace(0.0, truth.t_end, SAMPLES)) for truth in truths]
-    strokes = [float(np.ptp(each["slider.x"])) for each in columns if "slider.x" in each]
+    strokes = [f"{np.ptp(each['slider.x']):.2g}" for each in columns if "slider.x" in each]
     friction = "" if guide is None else f" (mu {guide.mu:g}, static mus {guide.static_coefficient:g})"
     end = max(truth.t_end for truth in truths)
-    cases = f"{_COUNTS.get(len(scenes), len(scenes))} case{'s' if len(scenes) > 1 else ''} of {end:g} s"
-    moved = f", strokes {', '.join(f'{stroke:.2g}' for stroke in strokes)} m" if strokes else ""
+    count = {1: "One", 2: "Two", 3: "Three"}.get(len(scenes), len(scenes))
+    moved = f", strokes {', '.join(strokes)} m" if strokes else ""
     unsure = max(truth.uncertainty.get("slider.x", 0.0) for truth in truths)
     tiers = " or ".join(dict.fromkeys(truth.tier for truth in truths))
-    return (f"A motor turns a bar on a spring-held slider that sticks and slips in its guide{friction}. {cases[:1].upper()}{cases[1:]}{moved}. "
-            f"Truth: a separate solution of the reduced equations, {tiers}, its uncertainty at most {rounded_up(unsure)} m. "
-            "The paper's own numbers are lost in our text.")
-
-
-_COUNTS = {1: "one", 2: "two", 3: "three"}
+    return (f"A motor turns a bar on a spring-held slider that sticks and slips in its guide{friction}. "
+            f"{count} case{'s' if len(scenes) > 1 else ''} of {end:g} s{moved}. "
+            f"Truth: a separate solution of the reduced equations, {tiers}, its uncertainty at most "
+            f"{rounded_up(unsure)} m. The paper's own numbers are lost in our text.")
 
 
 def recommendation(results: Results) -> list[TracedText]:
-    """How right the reference is, then what existing engines reach, with ideal joints and with contacts.
+    """Return the accuracy of the reference, then that of existing engines, with ideal joints and with contacts.
 
-    Methods count whose runs succeeded in every case; engines are set beside each other only where mus and mu are the same and the same part
-    of the work is theirs.
+    Methods count whose runs succeeded in every case. Engines are compared only where mus and mu are the same and the
+    same part of the work is theirs.
     """
     table = results.table("accuracy")
     if POSITION not in table:
         return []
-    ranked = {variant: method.worst for _, variants in grouped_methods(results) for variant in variants if (method := method_of(table, variant)).is_ranked}
+    variants = [variant for _, group in grouped_methods(results) for variant in group]
+    ranked = {variant: method.worst for variant in variants if (method := method_of(table, variant)).is_ranked}
     if "reference" not in ranked:
         return []
-    answers = [traced("The reference is right to {} m in its worst case{}.", value("accuracy", table, ranked["reference"], POSITION), _time(results, "reference"))]
+
+    def error(row: int) -> TracedText:
+        return value("accuracy", table, row, POSITION)
+
+    answers = [traced("The reference is right to {} m in its worst case{}.", error(ranked["reference"]),
+                      _time(results, "reference"))]
     if (paper := "paper's scheme") in ranked:
         best = table.at[ranked["reference"], POSITION] < table.at[ranked[paper], POSITION]
-        answers.append(traced("Accuracy: {}the paper's scheme has {} m at equal step{}.", "use the reference; " if best else "", value("accuracy", table, ranked[paper], POSITION),
-                              _time(results, paper)))
-    for heading, fidelity in (("Existing engines, ideal joints", "joint"), ("Existing engines, real contacts", "contact")):
-        parts = [_span(table, rows) for _, variants in grouped_methods(results, same_work)
-                 if (rows := [ranked[variant] for variant in variants if variant in ranked
-                              and table.at[ranked[variant], "fidelity"] == fidelity and table.at[ranked[variant], "engine"] not in OWN_METHODS])]
+        answers.append(traced("Accuracy: {}the paper's scheme has {} m at equal step{}.",
+                              "use the reference; " if best else "", error(ranked[paper]), _time(results, paper)))
+    for heading, fidelity in (("Existing engines, ideal joints", "joint"),
+                              ("Existing engines, real contacts", "contact")):
+        parts = []
+        for _, group in grouped_methods(results, same_work):
+            rows = [ranked[variant] for variant in group if variant in ranked]
+            if theirs := [row for row in rows if table.at[row, "fidelity"] == fidelity
+                          and table.at[row, "engine"] not in OWN_METHODS]:
+                parts.append(_span(table, theirs))
         if parts:
             answers.append(traced("{}: {}.", heading, listed(parts, "; ", "; ")))
     return answers
 
 
 def _span(table: pd.DataFrame, rows: list[int]) -> TracedText:
-    """The methods of one group with the smallest and the largest error, and who supplies what."""
-    ends = dict.fromkeys((min(rows, key=lambda row: table.at[row, POSITION]), max(rows, key=lambda row: table.at[row, POSITION])))
-    return listed([traced("{} {} m", called(table.at[row, "variant"], False), value("accuracy", table, row, POSITION)) for row in ends], " to ", " to ")
+    """Return the methods of one group with the smallest and the largest error."""
+    errors = table.loc[rows, POSITION]
+    return listed([traced("{} {} m", called(table.at[row, "variant"], False), value("accuracy", table, row, POSITION))
+                   for row in dict.fromkeys((errors.idxmin(), errors.idxmax()))], " to ", " to ")
 
 
 def _time(results: Results, variant: str) -> TracedText:
-    """``, in 1.2 ms of CPU in case 1``: total time to an error of 1 mm; empty where it is not known."""
+    """``; 1 mm takes 1.2 ms of CPU in case 1``: total time to an error of 1 mm; empty where it is not known."""
     table = results.table("equal-error")
     if table.empty:
         return TracedText("")
-    there = table.index[(table["variant"] == variant) & (table["error"] == 1e-3) & (table["quantity"] == "position") & table["cpu [s]"].notna()
-                        & (table["scene"] == table["scene"].iloc[0])]
+    there = table.index[(table["variant"] == variant) & (table["error"] == 1e-3) & (table["quantity"] == "position")
+                        & table["cpu [s]"].notna() & (table["scene"] == table["scene"].iloc[0])]
     if not len(there):
         return TracedText("")
     row = int(there[0])
     bound = "at most " if table.at[row, "at most"] else ""
-    time = Number(f"{1e3 * table.at[row, 'cpu [s]']:.2g}", "equal-error", "cpu [s]", rows=(row + 1,), factor=1e3)
-    return traced("; 1 mm takes {}{} ms of CPU in {}", bound, time, case_of(table.at[row, "scene"]))
+    cpu = Number(f"{1e3 * table.at[row, 'cpu [s]']:.2g}", "equal-error", "cpu [s]", rows=(row + 1,), factor=1e3)
+    return traced("; 1 mm takes {}{} ms of CPU in {}", bound, cpu, case_of(table.at[row, "scene"]))

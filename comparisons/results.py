@@ -14,7 +14,7 @@ from stiction.comparisons.variants import Record
 
 @dataclass(frozen=True)
 class Results:
-    """What the main job yields.
+    """Yield of the main job.
 
     Attributes
     ----------
@@ -23,13 +23,14 @@ class Results:
     truths : Mapping[str, Truth]
         By name of the scene; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
     tables : Mapping[str, DataFrame]
-        ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``, ``claims`` and, in full,
-        their ``sensitivity``, ``hard``; of the first scene ``orders``, ``effects``, ``suppression``; of all cases ``cost``, and ``times``: the samples behind
-        all times; ``equal-error`` of all cases and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`; in full
-        ``settings``: what the settings of the engines do, of `stiction.comparisons.studies.engine_settings.settings_study`.
+        ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``,
+        ``claims`` and, in full, their ``sensitivity``, ``hard``; of the first scene ``orders``, ``effects``,
+        ``suppression``; of all cases ``cost``, and ``times``: the samples behind all times; ``equal-error`` of all
+        cases and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`; in full ``settings``: what the
+        settings of the engines do, of `stiction.comparisons.studies.engine_settings.settings_study`.
     settings : Mapping
-        Of the campaign: depth, engines, time limit, workers, which trajectories are stored, whether an interrupt left runs unmade, and the machine's load
-        before, while timing and after.
+        Of the campaign: depth, engines, time limit, workers, which trajectories are stored, whether an interrupt left
+        runs unmade, and the machine's load before, while timing and after.
     wall_s, cpu_s : float
     timed : tuple of Record
         The runs behind ``cost``, ``effects`` and ``suppression``, failures included.
@@ -47,5 +48,5 @@ class Results:
     problems: tuple[Problem, ...] = ()
 
     def table(self, name: str) -> pd.DataFrame:
-        """A table, rows numbered from 0 as in the data; an empty one where the study was not made."""
+        """Return a table, rows numbered from 0 as in the data; an empty one where the study was not made."""
         return self.tables.get(name, pd.DataFrame()).reset_index(drop=True)

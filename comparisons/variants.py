@@ -1,4 +1,4 @@
-"""What is compared: an engine in one fidelity with fixed settings, over a ladder of steps or tolerances."""
+"""Variants, which are compared: an engine in one fidelity with fixed settings, over steps or tolerances."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.laws import Linear, Sine
 from stiction.scenes.model import LinearSpring
 
+PARAMETERS = ("dt", "rtol", "iterations")
+"""Parameters that are refined: a step (s), a relative tolerance, the iterations by which an engine solves a step."""
 
 OWN_CPU = "engine cpu [s]"
-"""Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), of those in ``cpu [s]``."""
+"""Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), part of ``cpu [s]``."""
 
 UNMADE = ("missing", "not run")
-"""Statuses of runs that were not made: their engine is not installed, or the campaign was interrupted. They are counted for nobody."""
+"""Statuses of runs that were not made, which do not count: engine not installed, or campaign interrupted."""
 
 FRICTION_BY, EVENTS_BY = "friction by", "events by"
 """Columns of tables: who supplies the friction law of a run, and who locates its events."""
@@ -28,15 +30,15 @@ FRICTION_BY, EVENTS_BY = "friction by", "events by"
 
 @dataclass(frozen=True)
 class Variant:
-    """An engine with settings, over a ladder.
+    """An engine with settings, over a series of steps or tolerances.
 
     Attributes
     ----------
     label : str
         Short and unique, as it stands in legends: ``"pymunk, contact"``.
     engine : str
-    parameter : {"dt", "rtol"}
-        What the ladder varies.
+    parameter : str
+        One of `PARAMETERS`.
     ladder : tuple of float
         From coarse to fine.
     fidelity : str
@@ -44,9 +46,9 @@ class Variant:
     stands_for : str
         The engine in whose place this one is compared with a baseline: its own if empty.
     cost, threshold : tuple of float
-        Other ladders of the same parameter, for the comparisons that take other steps; see `campaigns/validation.toml`.
+        Other series of the same parameter, for the comparisons that take other steps; see `campaigns/validation.toml`.
     effects : Mapping[str, Mapping]
-        Settings by name that `stiction.comparisons.studies.effects` toggles, beside what the scene declares.
+        Settings by name that `stiction.comparisons.studies.effects` toggles, besides what the scene declares.
     """
 
     label: str
@@ -63,7 +65,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class Record:
-    """One run of the campaign and what became of it.
+    """One run of the campaign and its outcome.
 
     Attributes
     ----------
@@ -71,7 +73,7 @@ class Record:
         ``"<scene>/<variant>/<parameter>=<step>"``; leads from a row of a table to the trajectory.
     variant : Variant
     step : float
-        The rung of the ladder: dt (s) or rtol.
+        One of the steps: dt (s) or rtol.
     outcome : Outcome
         Its value is the trajectory, None unless the status is ``"ok"``.
     """
@@ -87,14 +89,15 @@ class Record:
         return self.outcome.value
 
     def describe(self) -> dict[str, Any]:
-        """The columns that every table begins with."""
+        """Return the columns that every table begins with."""
         trajectory = self.trajectory
+        early = trajectory.termination if trajectory and trajectory.termination != "end" else ""
         return {"scene": self.scene, "variant": self.variant.label, "engine": self.variant.engine,
                 "version": trajectory.version if trajectory else None, "fidelity": self.variant.fidelity,
                 FRICTION_BY: supplier(str(trajectory.settings.get("friction_law", ""))) if trajectory else None,
                 EVENTS_BY: trajectory.settings.get(EVENTS_LOCATED_BY) if trajectory else None,
                 "parameter": self.variant.parameter, "step": self.step, "status": self.outcome.status,
-                "reason": self.outcome.reason or (trajectory.termination if trajectory and trajectory.termination != "end" else ""),
+                "reason": self.outcome.reason or early,
                 "cpu [s]": trajectory.cost.stepping_s if trajectory else None,
                 OWN_CPU: trajectory.cost.own_s if trajectory else None,
                 "settings": json.dumps(dict(trajectory.settings), default=str) if trajectory else None,
@@ -102,20 +105,21 @@ class Record:
 
 
 def supplier(law: str) -> str:
-    """Who supplies a friction law, by its words: engine, adapter, or the engine with a number of the adapter."""
+    """Return the supplier of a friction law by its words: engine, adapter, or both for a number of the adapter."""
     if "adapter" not in law:
         return "engine"
     return "engine + adapter" if "(engine)" in law else "adapter"
 
 
 COARSEST = 1e-2
-"""Seconds; the coarsest step of the ladders of runs that are compared, which are those of the paper's cases: 24 s, excited with periods of seconds. Ladders of cost begin
-up to four times as coarse."""
+"""Seconds; the coarsest step of the runs that are compared, chosen for the paper's cases: 24 s, excited with periods of
+seconds. Steps for cost begin up to four times as coarse."""
 STEPS_PER_RUN, STEPS_PER_PERIOD = 100, 20
-"""Coarsest steps in a run, and in its fastest period, at least: with fewer an output says nothing of the motion, and a method of first order
-is off by a third of the amplitude (2 pi/20)."""
+"""Coarsest steps in a run, and in its fastest period, at least: with fewer an output says nothing of the motion, and a
+method of first order is off by a third of the amplitude (2 pi/20)."""
 MOST_STEPS = 20_000
-"""Coarsest steps in a run to which fast periods may lead: the period of a spring on a light body is a bound, which constraints may make far too small."""
+"""Largest number of coarsest steps in a run because of fast periods: the period of a spring on a light body is a bound,
+which constraints may make far too small."""
 
 
 COMMON_STEP = 1e-3
@@ -123,10 +127,10 @@ COMMON_STEP = 1e-3
 
 
 def time_factor(scene: Scene, t_end: float | None = None) -> float:
-    """What the steps of the ladders, and the distance of outputs, are multiplied by on a scene: 1, 0.5, 0.2, 0.1, ..; 1 on the paper's cases.
+    """Return the factor on the steps and on the distance of outputs for a scene: 1, 0.5, 0.2, 0.1, ..
 
-    The largest of these with which the coarsest step is no more than 1/`STEPS_PER_RUN` of the run and 1/`STEPS_PER_PERIOD` of the fastest period,
-    as far as a run has no more than some `MOST_STEPS` for that.
+    The largest of these with which the coarsest step is no more than 1/`STEPS_PER_RUN` of the run and
+    1/`STEPS_PER_PERIOD` of the fastest period, as far as a run has no more than some `MOST_STEPS` for that.
     """
     end = scene.t_end if t_end is None else t_end
     longest = min(end / STEPS_PER_RUN, max(fastest_period(scene) / STEPS_PER_PERIOD, end / MOST_STEPS))
@@ -138,11 +142,11 @@ def time_factor(scene: Scene, t_end: float | None = None) -> float:
 
 
 def fastest_period(scene: Scene) -> float:
-    """Seconds: the shortest period that the scene declares; infinite without any.
+    """Return the shortest period that the scene declares, s; infinite without any.
 
-    Those of sinusoidal laws, of a turn of a drive of constant rate, and of springs. The frequency of a spring alone between two bodies is at
-    most sqrt(k c), where c is what a unit force at its points accelerates them by: 1/m + r^2/I of each (Rayleigh's quotient; constraints
-    only add mass), of a torsional spring 1/I of each.
+    Those of sinusoidal laws, of a turn of a drive of constant rate, and of springs. The frequency of a spring alone
+    between two bodies is at most sqrt(k c), where c is what a unit force at its points accelerates them by: 1/m +
+    r^2/I of each (Rayleigh's quotient; constraints only add mass), of a torsional spring 1/I of each.
     """
     frequencies = [0.0]
     for element in (*scene.drives.values(), *scene.forces.values()):
@@ -155,24 +159,31 @@ def fastest_period(scene: Scene) -> float:
         compliance = 0.0
         for name, arm in zip(spring.bodies, arms):
             if (body := scene.bodies.get(name)) is not None:  # the ground does not move
-                compliance += 1 / body.inertia if arm is None else 1 / body.mass + (arm[0] ** 2 + arm[1] ** 2) / body.inertia
+                turned = 1.0 if arm is None else arm[0] ** 2 + arm[1] ** 2
+                compliance += (0.0 if arm is None else 1 / body.mass) + turned / body.inertia
         frequencies.append(math.sqrt(spring.stiffness * compliance))
     fastest = max(frequencies)
     return 2 * math.pi / fastest if fastest else math.inf
 
 
 def scaled(given: Iterable[Variant], scene: Scene, t_end: float | None = None) -> tuple[Variant, ...]:
-    """The variants with the steps of their ladders, and a step among their settings, times `time_factor`."""
+    """Return the variants with their steps, and a step among their settings, times `time_factor`."""
     factor = time_factor(scene, t_end)
     if factor == 1:
         return tuple(given)
-    return tuple(replace(
-        variant, ladder=tuple(_rounded(step * factor) for step in variant.ladder) if variant.parameter == "dt" else variant.ladder,
-        settings={name: _rounded(value * factor) if name == "dt" else value for name, value in variant.settings.items()}) for variant in given)
+
+    def scaled_steps(variant: Variant) -> tuple[float, ...]:
+        given = variant.ladder
+        return tuple(_rounded(step * factor) for step in given) if variant.parameter == "dt" else given
+
+    def scaled_settings(variant: Variant) -> dict[str, Any]:
+        return {name: _rounded(value * factor) if name == "dt" else value for name, value in variant.settings.items()}
+
+    return tuple(replace(variant, ladder=scaled_steps(variant), settings=scaled_settings(variant)) for variant in given)
 
 
 def _rounded(step: float) -> float:
-    """Without the last digits, which multiplication leaves in keys and tables."""
+    """Drop the last digits, which multiplication would leave in keys and tables."""
     return float(f"{step:.12g}")
 
 
@@ -181,10 +192,11 @@ def run_key(scene: Scene, variant: Variant, step: float) -> str:
 
 
 def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
-    """The run of a variant at one rung of its ladder, for `stiction.engines.isolation`.
+    """Return the run of a variant with one of its steps, for `stiction.engines.isolation`.
 
-    Samples are kept every 10 ms; every 2 ms at the finest rung and at `COMMON_STEP` and below, for the jumps of the driving effort: what can be read off samples depends on their
-    distance, so that methods which are compared have the same. Both times `time_factor`. What is None among the arguments is not asked for.
+    Samples are kept every 10 ms; every 2 ms with the finest step and at `COMMON_STEP` and below, for the jumps of the
+    driving effort: what can be read off samples depends on their distance, so that methods which are compared have the
+    same. Both times `time_factor`. Arguments that are None are left out.
     """
     arguments = {name: value for name, value in arguments.items() if value is not None}
     factor = time_factor(scene, arguments.get("t_end"))
@@ -195,7 +207,7 @@ def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
 
 
 def has_static_coefficient(variant: Variant) -> bool:
-    """Whether the variant represents mus > mu; without it, it is compared with the truth for mus = mu."""
+    """Tell if the variant represents mus > mu; else it is compared with the truth for mus = mu."""
     try:
         return load_engine(variant.engine).capabilities.static_coefficient.get(variant.fidelity, False)
     except EngineMissing:
@@ -207,11 +219,11 @@ MUS_EQUALS_MU = " (mus = mu)"
 
 
 def truth_key(scene: str, static_coefficient: bool) -> str:
-    """Name of the truth of a scene with the physics of an engine."""
+    """Return the name of the truth of a scene with the physics of an engine."""
     return scene if static_coefficient else scene + MUS_EQUALS_MU
 
 
 def physics_of(scene: Scene, static_coefficient: bool) -> Scene:
-    """The scene with the physics that an engine has: mus = mu on every guide unless it has a static coefficient."""
+    """Return the scene with the physics of an engine: mus = mu on every guide unless it has a static coefficient."""
     overrides = {f"{name}.mus": guide.mu for name, guide in scene.frictional_guides.items() if guide.mus is not None}
     return scene if static_coefficient or not overrides else vary(scene, overrides)

@@ -108,7 +108,7 @@ def shorten_validation(monkeypatch: pytest.MonkeyPatch, variants: tuple[Variant,
             monkeypatch.setattr(module, name, fewer[name])
     for name, value in {
             "campaigns.validation.studies": lambda: chosen, "campaigns.validation.variants": lambda *_: variants,
-            "campaigns.validation.extent": lambda depth: replace(extent(depth), limit=600.0),  # a busy machine may take longer than a user waits
+            "campaigns.validation.extent": lambda depth: extent(depth).model_copy(update={"limit": 600.0}),  # a busy machine may take longer than a user waits
             "hard.table.hard_cases": lambda depth: hard_cases(depth)[:2]}.items():
         monkeypatch.setattr(f"stiction.comparisons.{name}", value)
     monkeypatch.setattr("stiction.reports.markdown.validation_report.save_all", leave_dots)

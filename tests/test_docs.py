@@ -325,7 +325,7 @@ class TestCampaign:
 
     def test_runs(self):
         campaign = load_campaign("campaign.toml")
-        assert len(campaign.runs) == 10 and [run.key for run in campaign.check.runs][1:] == [
+        assert len(campaign.runs) == 10 and [run.key for run in campaign.check_runs][1:] == [
             "slider-bar-case-1/tight/rtol=1e-06", "slider-bar-case-1/tight/rtol=1e-09", "slider-bar-case-1/pymunk/dt=0.01"]
 
     @pytest.mark.parametrize(("old", "other", "new"), [

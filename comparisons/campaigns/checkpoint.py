@@ -1,9 +1,10 @@
-"""What a campaign has finished is kept as soon as it is there; the same campaign, called again, goes on with it.
+"""Runs that are kept as soon as they are finished; the same campaign, called again, goes on with them.
 
-The outcomes lie in one SQLite file beside the folder that is to be written, for the reasons that `stiction.comparisons.campaigns.history` gives. An outcome is
-found again by the digest of all that it depends on: function and arguments (scenes by their content), time limit, code of the suite and of the
-engines, versions, machine. Anything else is run anew. Outcomes are pickled, since they hold trajectories: the file is for the user who made it,
-not to be passed on.
+The outcomes lie in one SQLite file next to the folder that is to be written, for the reasons that
+`stiction.comparisons.campaigns.history` gives. An outcome is found again by the digest of all that it depends on:
+function and arguments (scenes by their content), time limit, code of the suite and of the engines, versions, machine.
+Anything else is run anew. Outcomes are pickled, since they hold trajectories: the file is for the user who made it, not
+to be passed on.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ from stiction.engines.isolation import Isolate, Outcome, Task, isolate
 from stiction.scenes import StictionError
 
 SETTLED = ("ok", "refused", "failed")
-"""Statuses that running again would not change; a machine may have been busy, a process been killed from outside, a package be installed
-since."""
+"""Statuses that running again would not change.
+
+With others a machine may have been busy, a process been killed from outside, a package be installed since."""
 
 
 class KeptRefused(StictionError):
@@ -34,18 +36,9 @@ class KeptRefused(StictionError):
 class KeptRuns:
     """`stiction.engines.isolate` with a memory.
 
-    Attributes
-    ----------
-    kept : int
-        Outcomes in the file.
-    taken_over : int
-        Outcomes that an earlier call had made.
-    settled : int
-        Outcomes that there are, made or taken over.
-    interrupt : KeyboardInterrupt or None
-        That has come: what is left is `NOT_RUN` from then on.
-    finished : bool
-        To be set by the caller who needs the runs no more: then they are removed.
+    `kept` counts the outcomes in the file, `taken_over` those that an earlier call had made, `settled` all that there
+    are, made or taken over. After an `interrupt` all runs that are left are `NOT_RUN`. The caller who needs the runs no
+    more sets `finished`: then they are removed.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection, circumstances: str):
@@ -58,7 +51,7 @@ class KeptRuns:
 
     def isolate(self, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
                 on_result: Callable[[Outcome], None] | None = None, made_by: Isolate = isolate) -> list[Outcome]:
-        """As `made_by`, for tasks that are not kept yet; the others are told to `on_result` first.
+        """Return the outcomes as `made_by` does, for tasks that are not kept yet; `on_result` gets the others first.
 
         Raises
         ------
@@ -113,14 +106,14 @@ class KeptRuns:
         Raises
         ------
         KeyboardInterrupt
-            `interrupt`: in the midst of runs, where `isolate` takes it, or if there is no outcome yet.
+            `interrupt`: in the midst of runs, where `isolate` catches it, or if there is no outcome yet.
         """
         self.interrupt = interrupt
         if self._making or not self.settled:
             raise interrupt
 
     def _key(self, task: Task, timeout_s: float) -> str:
-        """Of a task; the same task asked for twice, as for two timings, is two."""
+        """Return the key of a task; the same task requested twice, as for two timings, has two."""
         function = [task.function.__module__, task.function.__qualname__]
         key = digest([self._circumstances, task.label, function, task.args, float(timeout_s)])
         self._seen[key] += 1
@@ -143,14 +136,16 @@ class KeptRuns:
 
 
 def kept_file(folder: Path) -> Path:
-    """Where the runs for a folder are kept until it is there."""
+    """Return the file in which the runs for a folder are kept until it is there."""
     folder = folder.resolve()
     return folder.with_name(f".{folder.name}.unfinished.sqlite")
 
 
 @contextmanager
 def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
-    """The kept runs of the campaign that is to write `folder`; `kept_file` stays if it has any, until they are `finished`.
+    """Open the kept runs of the campaign that is to write `folder`.
+
+    `kept_file` stays if it has any, until they are `finished`.
 
     Parameters
     ----------
@@ -168,8 +163,8 @@ def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
     try:
         connection = sqlite3.connect(path, timeout=0.5)
         connection.execute("PRAGMA locking_mode = EXCLUSIVE")
-        connection.execute("PRAGMA journal_mode = WAL")  # a killed process loses nothing; an fsync for each of a thousand outcomes would take 15 s
-        connection.execute("PRAGMA synchronous = NORMAL")
+        connection.execute("PRAGMA journal_mode = WAL")  # a killed process loses nothing
+        connection.execute("PRAGMA synchronous = NORMAL")  # an fsync for each of a thousand outcomes would take 15 s
         with connection:
             connection.execute("BEGIN EXCLUSIVE")
             connection.execute("CREATE TABLE IF NOT EXISTS outcomes (key TEXT PRIMARY KEY, outcome BLOB NOT NULL)")

@@ -2,19 +2,20 @@
 
     pd.read_sql("SELECT * FROM history", sqlite3.connect("nightly/history.sqlite"))
 
-One row per number (a run that did not come out has one row without a number), with the columns
+One row per number (a failed run has one row without a number), with the columns
 
     night        UTC time at which it began, ISO 8601; its name, and the order of the nights
     campaign     name of the campaign
-    machine      `environment.conditions`: processor, interpreter, numerical libraries; times are compared under the same ones only
+    machine      `environment.conditions`: processor, interpreter, numerical libraries; only times under the same ones
+                 are compared
     commit_hash  of the checkout, ``-dirty`` where files differ; NULL outside of one
     finished     UTC time; NULL while the night runs, or where it was cut off and not resumed
     verdict      ``fine``, ``regression``, ``could not run``; NULL until it is finished
     key          ``<scene>/<variant>/<parameter>=<step>``; its name in the campaign
-    identity     what is compared over the nights: `stiction.comparisons.campaigns.run_identity`
+    identity     what is compared over the nights: `measurement.PlannedRun.identity`
     scene, variant, engine, version, fidelity, parameter, step
-    status       of `stiction.engines.isolation`: ``ok``, ``refused``, ``failed``, ``timed out``, ``crashed``, ``missing``; ``wrong`` (see
-                 `accuracy.WRONG`); or ``not run``
+    status       of `stiction.engines.isolation`: ``ok``, ``refused``, ``failed``, ``timed out``, ``crashed``,
+                 ``missing``; ``wrong`` (see `accuracy.WRONG`); or ``not run``
     reason       why, in one line; empty where the run reached its end
     settings     JSON
     metric       what was measured, with its unit: ``position error [m]``
@@ -22,13 +23,13 @@ One row per number (a run that did not come out has one row without a number), w
                  (variant ``truth``); ``random`` in those of random scenes (variant ``random``): how many are of a class
     value        NULL where there is none
     uncertainty  of the value, in its unit; NULL where none is known
-    tier         of the truth behind the value: what an error was measured against; ``our own run`` for counters and times
+    tier         of the truth behind the value: what an error was measured against; ``our own run`` for counters, times
 
-Why SQLite: a run and its numbers are one transaction, so that a kill at any moment leaves all of them or nothing; the night and
-the key of a run are its primary key, so that nothing is in it twice; WAL lets others read while a night is being written, and
-``synchronous = FULL`` has every transaction on the disk before it counts as written, lest a power cut takes what a kill cannot.
-A folder of files written one by one would need all of this made by hand. The file must lie on a disk of this machine: WAL does
-not work over a network.
+Why SQLite: a run and its numbers are one transaction, so that a kill at any moment leaves all of them or nothing. The
+night and the key of a run are its primary key, so that nothing is in it twice. WAL lets others read while a night is
+being written. ``synchronous = FULL`` has every transaction on the disk before it counts as written, lest a power cut
+takes what a kill cannot. A folder of files written one by one would need all of this made by hand. The file must lie on
+a disk of this machine: WAL does not work over a network.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from pathlib import Path
 from typing import Any
 
 from stiction.comparisons.campaigns.measurement import Metric, Row
-from stiction.comparisons.timing.nightly_time import TIME
+from stiction.comparisons.timing.calibration import TIME
 from stiction.scenes import StictionError
 
 FORMAT = 2
@@ -53,19 +54,21 @@ CREATE TABLE nights (
     night TEXT PRIMARY KEY, campaign TEXT NOT NULL, digest TEXT NOT NULL, machine TEXT NOT NULL, commit_hash TEXT,
     origin TEXT NOT NULL, finished TEXT, verdict TEXT) STRICT;
 CREATE TABLE runs (
-    night TEXT NOT NULL REFERENCES nights, key TEXT NOT NULL, identity TEXT NOT NULL, scene TEXT NOT NULL, variant TEXT NOT NULL, engine TEXT NOT NULL,
-    version TEXT, fidelity TEXT NOT NULL, parameter TEXT NOT NULL, step REAL NOT NULL, status TEXT NOT NULL,
-    reason TEXT NOT NULL, settings TEXT, PRIMARY KEY (night, key)) STRICT;
+    night TEXT NOT NULL REFERENCES nights, key TEXT NOT NULL, identity TEXT NOT NULL, scene TEXT NOT NULL,
+    variant TEXT NOT NULL, engine TEXT NOT NULL, version TEXT, fidelity TEXT NOT NULL, parameter TEXT NOT NULL,
+    step REAL NOT NULL, status TEXT NOT NULL, reason TEXT NOT NULL, settings TEXT, PRIMARY KEY (night, key)) STRICT;
 CREATE TABLE metrics (
     night TEXT NOT NULL, key TEXT NOT NULL, metric TEXT NOT NULL, kind TEXT NOT NULL, value REAL, uncertainty REAL,
     tier TEXT NOT NULL, PRIMARY KEY (night, key, metric), FOREIGN KEY (night, key) REFERENCES runs) STRICT;
 CREATE VIEW history AS
-    SELECT night, campaign, machine, commit_hash, finished, verdict, key, identity, scene, variant, engine, version, fidelity, parameter,
-           step, status, reason, settings, metric, kind, value, uncertainty, tier
+    SELECT night, campaign, machine, commit_hash, finished, verdict, key, identity, scene, variant, engine, version,
+           fidelity, parameter, step, status, reason, settings, metric, kind, value, uncertainty, tier
     FROM runs JOIN nights USING (night) LEFT JOIN metrics USING (night, key)
     ORDER BY night, runs.rowid, metrics.rowid;
 PRAGMA user_version = %d;
 """ % FORMAT
+_RUN = "key, identity, scene, variant, engine, version, fidelity, parameter, step, status, reason"
+"""Columns of a run that are fields of a `Row` of the same names, before its settings."""
 
 
 class HistoryRefused(StictionError):
@@ -79,7 +82,7 @@ class History:
         self._connection = connection
 
     def begin(self, campaign: str, digest: str, origin: Mapping[str, Any]) -> str:
-        """The night to go on with: the last one, if it was cut off with the same digest, else a new one.
+        """Return the night to go on with: the last one, if it was cut off with the same digest, else a new one.
 
         Parameters
         ----------
@@ -88,13 +91,15 @@ class History:
         origin
             See `environment.origin`.
         """
-        last = self._connection.execute("SELECT night, digest, finished FROM nights ORDER BY night DESC LIMIT 1").fetchone()
+        last = self._connection.execute(
+            "SELECT night, digest, finished FROM nights ORDER BY night DESC LIMIT 1").fetchone()
         if last is not None and last[1:] == (digest, None):
             return last[0]
         night = _now()
         with self._connection:
-            self._connection.execute("INSERT INTO nights VALUES (?, ?, ?, ?, ?, ?, NULL, NULL)",
-                                     (night, campaign, digest, origin["conditions"], origin["commit"], json.dumps(origin)))
+            self._connection.execute(
+                "INSERT INTO nights VALUES (?, ?, ?, ?, ?, ?, NULL, NULL)",
+                (night, campaign, digest, origin["conditions"], origin["commit"], json.dumps(origin)))
         return night
 
     def append(self, night: str, row: Row) -> None:
@@ -105,57 +110,63 @@ class History:
         sqlite3.IntegrityError
             If the night has this run already.
         """
+        fields = [getattr(row, name) for name in _RUN.split(", ")]
+        settings = None if row.settings is None else json.dumps(row.settings, default=str)
         with self._connection:
-            self._connection.execute(f"INSERT INTO runs VALUES ({', '.join('?' * 13)})", (
-                night, row.key, row.identity, row.scene, row.variant, row.engine, row.version, row.fidelity, row.parameter, row.step,
-                row.status, row.reason, None if row.settings is None else json.dumps(row.settings, default=str)))
+            self._connection.execute(f"INSERT INTO runs VALUES ({', '.join('?' * 13)})", (night, *fields, settings))
             self._connection.executemany("INSERT INTO metrics VALUES (?, ?, ?, ?, ?, ?, ?)", [
                 (night, row.key, metric.name, metric.kind, metric.value, metric.uncertainty, metric.tier)
                 for metric in row.metrics])
 
     def finish(self, night: str, verdict: str) -> None:
         with self._connection:
-            self._connection.execute("UPDATE nights SET finished = ?, verdict = ? WHERE night = ?", (_now(), verdict, night))
+            self._connection.execute("UPDATE nights SET finished = ?, verdict = ? WHERE night = ?",
+                                     (_now(), verdict, night))
 
     def rows(self, night: str) -> list[Row]:
-        """What the night has so far, in the order in which it came."""
+        """Return the rows that the night has so far, in the order in which they were added."""
         return self._rows("night = ?", night)
 
     def first(self, identity: str, before: str) -> tuple[str, Row] | None:
-        """The first finished night before another one in which a run of this identity came out, whatever its name, and its row."""
-        found = self._connection.execute("SELECT night, key FROM runs JOIN nights USING (night) WHERE identity = ? AND night < ? "
-                                         "AND finished IS NOT NULL AND status IN ('ok', 'refused') ORDER BY night LIMIT 1", (identity, before)).fetchone()
+        """Return the first finished night before another one in which a run succeeded or was refused, and its row.
+
+        The run is one of this identity, whatever its name.
+        """
+        found = self._connection.execute(
+            "SELECT night, key FROM runs JOIN nights USING (night) WHERE identity = ? AND night < ? "
+            "AND finished IS NOT NULL AND status IN ('ok', 'refused') ORDER BY night LIMIT 1",
+            (identity, before)).fetchone()
         return None if found is None else (found[0], self._rows("night = ? AND key = ?", *found)[0])
 
     def _rows(self, where: str, *values: str) -> list[Row]:
         metrics: dict[str, list[Metric]] = {}
-        for key, *metric in self._connection.execute(f"SELECT key, metric, kind, value, uncertainty, tier FROM metrics WHERE {where} ORDER BY rowid", values):
+        numbers = self._connection.execute(
+            f"SELECT key, metric, kind, value, uncertainty, tier FROM metrics WHERE {where} ORDER BY rowid", values)
+        for key, *metric in numbers:
             metrics.setdefault(key, []).append(Metric(*metric))
-        runs = self._connection.execute("SELECT key, identity, scene, variant, engine, version, fidelity, parameter, step, status, reason, settings "
-                                        f"FROM runs WHERE {where} ORDER BY rowid", values)
+        runs = self._connection.execute(f"SELECT {_RUN}, settings FROM runs WHERE {where} ORDER BY rowid", values)
         return [Row(*run, settings and json.loads(settings), tuple(metrics.get(run[0], ()))) for *run, settings in runs]
 
     def origin(self, night: str) -> dict[str, Any]:
-        """Where its numbers come from, see `environment.origin`."""
+        """Return the `environment.origin` of its numbers."""
         return json.loads(self._connection.execute("SELECT origin FROM nights WHERE night = ?", (night,)).fetchone()[0])
 
     def last_finished(self) -> str | None:
-        """The last night that came to its end."""
         return self._connection.execute("SELECT max(night) FROM nights WHERE finished IS NOT NULL").fetchone()[0]
 
-    def times(self, conditions: str, night: str | None = None) -> dict[tuple[str, str], list[float]]:
-        """By identity and engine the times of finished nights under these conditions, oldest first; of those before `night` where given."""
+    def times(self, conditions: str, night: str = "~") -> dict[tuple[str, str], list[float]]:
+        """Return times of finished nights before `night`, oldest first, by identity and engine of the run."""
         found: dict[tuple[str, str], list[float]] = {}
         for identity, engine, value in self._connection.execute(
-                "SELECT identity, engine, value FROM history WHERE kind = 'time' AND metric = ? AND machine = ? AND finished IS NOT NULL AND night < ? "
-                "ORDER BY night", (TIME, conditions, night or "~")):
+                "SELECT identity, engine, value FROM history WHERE kind = 'time' AND metric = ? AND machine = ? "
+                "AND finished IS NOT NULL AND night < ? ORDER BY night", (TIME, conditions, night)):
             found.setdefault((identity, engine), []).append(value)
         return found
 
 
 @contextmanager
 def open_history(path: Path, write: bool = True) -> Iterator[History]:
-    """The history in a file, made if it is not there.
+    """Open the history in a file, made if it is not there.
 
     Raises
     ------
@@ -163,7 +174,8 @@ def open_history(path: Path, write: bool = True) -> Iterator[History]:
         If the file is something else, or cannot be opened.
     """
     if path.is_dir():
-        raise HistoryRefused(f"{path}: found a folder; expected the file of a history, such as {path / 'history.sqlite'}")
+        raise HistoryRefused(f"{path}: found a folder; expected the file of a history, such as "
+                             f"{path / 'history.sqlite'}")
     try:
         address = f"{path.absolute().as_uri()}?mode={'rwc' if write else 'ro'}"
         connection = sqlite3.connect(address, uri=True, timeout=60.0)
@@ -186,8 +198,8 @@ def _prepare(path: Path, connection: sqlite3.Connection, write: bool) -> None:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.executescript(f"BEGIN; {_SCHEMA} COMMIT;")
         elif found != FORMAT:
-            raise HistoryRefused(f"{path}: found {'an empty file' if empty else f'a database of format {found}'}; expected a "
-                                 f"history of format {FORMAT}, or no file")
+            what = "an empty file" if empty else f"a database of format {found}"
+            raise HistoryRefused(f"{path}: found {what}; expected a history of format {FORMAT}, or no file")
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA foreign_keys = ON")
     except sqlite3.DatabaseError as error:

@@ -1,40 +1,49 @@
-"""One run and every number that is kept of it: errors against the truth, the path it took, events, drift, counters, time.
+"""One run and every number that is kept of it: errors against the truth, path, events, drift, counters, time.
 
-The numbers are made in the child process that simulates, the truth included, so that nothing that happens to any of them can
-end the campaign, and no trajectory has to travel.
+The numbers are made in the child process that simulates, the truth included, so that nothing that happens to any of
+them can end the campaign, and no trajectory has to travel.
+
+A run can be made again with changes of rounding only: masses and gravity are moved by some units in the last
+place, bodies stand in another order, samples are kept half as often. It then differs as the run on another processor,
+or with another library, does (`stiction.comparisons.campaigns.tolerances`).
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiction.comparisons.campaigns.run_identity import run_identity, truth_identity
+from stiction.comparisons.digest import scene_digest
 from stiction.comparisons.measures.accuracy import TORQUE_ERROR, errors, size_of
 from stiction.comparisons.measures.drift import DECAY_ERROR, ROUNDING, decay_error, drift
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
-from stiction.comparisons.timing.nightly_time import TIME, relative_time
+from stiction.comparisons.timing.calibration import TIME, relative_time
 from stiction.comparisons.timing.rounds import bare_run
 from stiction.comparisons.truth import CLOSED_FORM, NO_TRUTH, Truth
 from stiction.comparisons.variants import Variant, job, physics_of, run_key
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.registry import load_engine
-from stiction.scenes import Scene, Trajectory
+from stiction.scenes import Scene, Trajectory, vary
+
+if TYPE_CHECKING:
+    from stiction.comparisons.random_scenes.night_draws import Draw
 
 TRUTH = "truth"
 """Kind of the numbers that say what is true, and engine and variant of their rows."""
 MOTION = "motion"
 """Kind of the path of a run with fixed steps."""
 KINDS = ("accuracy", MOTION, "event", "drift", "counter", "time")
-"""What can be measured of a run."""
+"""Kinds of numbers that can be measured of a run."""
 RANDOM = "random"
-"""Kind and variant of what is drawn afresh every night, see `stiction.comparisons.random_scenes.night_draws`: it has no baseline, and is right or wrong by itself."""
+"""Kind and variant of scenes drawn afresh every night (`stiction.comparisons.random_scenes.night_draws`), which have no
+baseline."""
 NOT_RUN = "not run"
 """Status of a run that the campaign had no time left for."""
 
@@ -47,20 +56,21 @@ OUTPUT_STEP = 0.01
 """Seconds between the instants at which errors are measured."""
 _STATE = {"x": "m", "y": "m", "angle": "rad"}
 
+ULPS = 8
+"""Units in the last place by which a number is moved at most: some operations' rounding."""
+MOVED, ORDER, GRID = "numbers", "order", "grid"
+WAYS = (*(f"{MOVED} {seed}" for seed in (1, 2, 3)), ORDER, GRID)
+"""Ways in which a run is made again; `GRID`, with half as many samples, is the last."""
+
 
 @dataclass(frozen=True)
 class Metric:
-    """A number: `name` with its unit, `kind` one of `KINDS` or `TRUTH`.
+    """A number: `name` with its unit, `kind` one of `KINDS`, `TRUTH` or `RANDOM`.
 
-    Attributes
-    ----------
-    uncertainty : float or None
-        In the unit of the value: of a truth its own, of an error that of the truth, of a time how far the second shortest repeat
-        is above the shortest; None where none is known.
-    tier : str
-        Of the truth behind it: what an error was measured against. ``our own run`` for counters and times.
-    rounding : float or None
-        How far rounding alone moves the value, see `stiction.comparisons.campaigns.rounding`; None where that was not measured.
+    `uncertainty` is in the unit of the value, None where none is known: of an error that of the truth, of a time the
+    distance of the second shortest repeat from the shortest. `tier` is that of the truth that an error was measured
+    against, ``our own run`` for counters and times. `rounding` is the largest change by rounding alone
+    (`tolerances.with_rounding`), None where that was not measured.
     """
 
     name: str
@@ -73,10 +83,10 @@ class Metric:
 
 @dataclass(frozen=True)
 class Row:
-    """A run, what became of it, and its numbers; of a truth, `variant` and `engine` are `TRUTH`, `parameter` is empty.
+    """A run, its status, and its numbers; of a truth, `variant` and `engine` are `TRUTH`, `parameter` is empty.
 
-    `key` is its name, unique in a campaign; `identity` is what it is, see `stiction.comparisons.campaigns.run_identity`. `traceback` is that of a bug, as the run was
-    made; no history keeps it. `other_ends` are the outcomes that the run has with other rounding, where that was measured.
+    `key` is its name, unique in a campaign; `identity` is that of a `PlannedRun`. `traceback` is that of a bug, which
+    no history keeps. `other_ends` are the outcomes that the run has with other rounding, where that was measured.
     """
 
     key: str
@@ -105,75 +115,96 @@ class Row:
 
 
 def outcome_of(status: str, reason: str) -> str:
-    """The status of a run; ``incomplete`` where it came out with a reservation: it ended early, or there is no truth for it."""
+    """Return the status of a run, ``incomplete`` where it ended early or there is no truth for it."""
     return "incomplete" if status == "ok" and reason else status
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """What a row is about, before it is run: a variant at one rung on a scene, or the truth of a scene where `variant` is None.
+    """A variant with a step on a scene, or the truth of a scene where `variant` is None.
 
-    Of one that is `followed`, the path is measured as well.
+    Of one that is `followed`, the path is measured as well. `way`, one of `WAYS`, is that of a run made again.
     """
 
     scene: Scene
     variant: Variant | None = None
     step: float = 0.0
     followed: bool = False
+    way: str = ""
 
     @property
     def key(self) -> str:
-        return f"{self.scene.name}/{TRUTH}" if self.variant is None else run_key(self.scene, self.variant, self.step)
+        """Name of the run, for people."""
+        name = f"{self.scene.name}/{TRUTH}" if self.variant is None else run_key(self.scene, self.variant, self.step)
+        return f"{name}, {self.way}" if self.way else name
 
     @property
     def identity(self) -> str:
-        return truth_identity(self.scene) if self.variant is None else run_identity(self.scene, self.variant, self.step)
+        """Content of the run, whatever its name: ``"pymunk, joint, dt = 0.01; scene 53f1d0c2a9e84b67"``.
+
+        Only runs of the same identity are compared. It has the content of the scene, the engine, the fidelity and all
+        settings. It does not have the version of the engine: whether a new one is worse is the question of a check.
+        """
+        variant, scene = self.variant, f"scene {scene_digest(self.scene)}"
+        if variant is None:
+            return f"{TRUTH}; {scene}"
+        settings = sorted({**variant.settings, variant.parameter: self.step}.items())
+        words = ", ".join(f"{name} = {json.dumps(value, sort_keys=True, default=str)}" for name, value in settings)
+        return f"{variant.stands_for or variant.engine}, {variant.fidelity}, {words}; {scene}"
+
+    @property
+    def row(self) -> Row:
+        """Row before the run is made."""
+        variant = self.variant or Variant(TRUTH, TRUTH, "", (), fidelity="")
+        return Row(self.key, self.identity, self.scene.name, variant.label, variant.engine, None, variant.fidelity,
+                   variant.parameter, self.step, NOT_RUN, "")
 
     def task(self, kinds: Collection[str], repeats: int) -> Task:
-        """The measurement, for `stiction.engines.isolate`; its value is for `row`."""
+        """Return the measurement, for `stiction.engines.isolate`; `row_of` makes a row of its outcome."""
         if self.variant is None:
-            return Task(self.key, _truth_numbers, (self.scene,))
-        return task_of_run(self, kinds, repeats, self.scene, OUTPUT_STEP)
-
-    def row(self, outcome: Outcome) -> Row:
-        measured: Measured = outcome.value or Measured()
-        named = (TRUTH, TRUTH, measured.version, "", "", 0.0) if self.variant is None else (
-            self.variant.label, self.variant.engine, measured.version, self.variant.fidelity, self.variant.parameter, self.step)
-        status = measured.status if outcome.status == "ok" else outcome.status
-        return Row(self.key, self.identity, self.scene.name, *named, status, outcome.reason or measured.reason, measured.settings,
-                   measured.metrics, outcome.traceback)
+            return Task(self.key, _truth_row, (self,))
+        followed = self.followed and self.variant.parameter == "dt"
+        return Task(self.key, _run_row, (self, tuple(kind for kind in kinds if kind != MOTION or followed), repeats))
 
 
-def task_of_run(run: PlannedRun, kinds: Collection[str], repeats: int, given: Scene, output_step: float) -> Task:
-    """The measurement of a run on `given`, a scene that is the run's own but for rounding."""
-    made = job(run.scene, run.variant, run.step, output_step=output_step)
-    wanted = tuple(kind for kind in kinds if kind != MOTION or run.followed and run.variant.parameter == "dt")
-    return Task(run.key, _run_numbers, (made.engine, run.scene, given, dict(made.arguments), wanted, repeats))
+def row_of(run: PlannedRun | Draw, outcome: Outcome) -> Row:
+    """Return the row of a run whose task had an outcome."""
+    if outcome.status == "ok":
+        return outcome.value
+    return replace(run.row, status=outcome.status, reason=outcome.reason, traceback=outcome.traceback)
 
 
-@dataclass(frozen=True)
-class Measured:
-    """What a child returns of a run: the fields of its `Row` that the run itself tells."""
+def disturbed(scene: Scene, way: str) -> Scene:
+    """Return the scene as one of `WAYS` has it; the same motion but for rounding."""
+    if way == ORDER:
+        return scene.model_copy(update={"bodies": dict(reversed(scene.bodies.items()))})
+    if not way.startswith(MOVED):
+        return scene
+    chance = np.random.default_rng([int(way.removeprefix(MOVED)), 5])
 
-    version: str | None = None
-    status: str = "ok"
-    reason: str = ""
-    settings: Mapping[str, Any] | None = None
-    metrics: tuple[Metric, ...] = ()
+    def moved(value: float) -> float:
+        return float(value * (1 + 2.0 ** -52 * chance.choice([-1, 1]) * chance.integers(1, ULPS + 1)))
+
+    numbers: dict[str, Any] = {f"bodies.{name}.{key}": moved(getattr(body, key))
+                               for name, body in scene.bodies.items() for key in ("mass", "inertia")}
+    if scene.gravity is not None:
+        numbers["gravity"] = [moved(part) for part in scene.gravity]
+    return vary(scene, numbers)
 
 
-def _run_numbers(engine: str, scene: Scene, given: Scene, arguments: dict[str, Any], kinds: Collection[str], repeats: int) -> Measured:
-    """In the child: simulate `given`, then measure against the truth of `scene`.
+def _run_row(run: PlannedRun, kinds: Collection[str], repeats: int) -> Row:
+    """Simulate and measure against the truth, in the child.
 
-    A run is timed apart (`stiction.comparisons.timing.nightly_time`). The time is that of the whole `Engine.run` as this process sees it, whatever the engine says
-    of its own.
+    The time is that of the whole `Engine.run` as this process sees it, whatever the engine says of its own.
     """
     compile_kernels()
-    solver = load_engine(engine)
-    scene, given = (physics_of(each, solver.capabilities.static_coefficient.get(arguments["fidelity"], False)) for each in (scene, given))
+    solver, fidelity = load_engine(run.variant.engine), run.variant.fidelity
+    has_static = solver.capabilities.static_coefficient.get(fidelity, False)
+    scene, given = (physics_of(each, has_static) for each in (run.scene, disturbed(run.scene, run.way)))
+    output_step = OUTPUT_STEP * (2 if run.way == GRID else 1)
+    arguments = job(run.scene, run.variant, run.step, output_step=output_step).arguments
     trajectory = solver.simulate(given, **arguments)
-    reason = "" if trajectory.termination == "end" else trajectory.termination
-    status = "ok"
+    status, reason = "ok", "" if trajectory.termination == "end" else trajectory.termination
     metrics: list[Metric] = []
     if {"accuracy", "event"} & set(kinds):
         truth = ground_truth(scene)
@@ -187,18 +218,20 @@ def _run_numbers(engine: str, scene: Scene, given: Scene, arguments: dict[str, A
     metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
     if "time" in kinds and status == "ok" and trajectory.termination == "end":
         metrics.append(Metric(TIME, "time", *relative_time(bare_run(solver, given, arguments), repeats)))
-    return Measured(trajectory.version, status, reason, trajectory.settings, tuple(metric for metric in metrics if metric.kind in kinds))
+    return replace(run.row, version=trajectory.version, status=status, reason=reason, settings=trajectory.settings,
+                   metrics=tuple(metric for metric in metrics if metric.kind in kinds))
 
 
 def _errors(found: Mapping[str, Any], truth: Truth) -> Iterator[Metric]:
     for name, unsure in _ACCURACY.items():
         if math.isfinite(found.get(name, math.nan)):
-            yield Metric(name, "accuracy", found[name], found[unsure], truth.effort_tier if name == TORQUE_ERROR else truth.tier)
+            tier = truth.effort_tier if name == TORQUE_ERROR else truth.tier
+            yield Metric(name, "accuracy", found[name], found[unsure], tier)
     yield from (Metric(name, "event", found[name], tier=truth.tier) for name in _EVENTS if name in found)
 
 
 def path_length(trajectory: Trajectory) -> float:
-    """How far the bodies went, all together: unlike an error, it shows what moves a run towards the truth, too."""
+    """Return the length of the paths of all bodies; unlike an error, it changes where a run moves towards the truth."""
     bodies = [name.removesuffix(".vx") for name in trajectory.columns if name.endswith(".vx")]
     speeds = [np.hypot(trajectory[f"{body}.vx"], trajectory[f"{body}.vy"]) for body in bodies]
     return float(sum(np.trapezoid(speed, trajectory.t) for speed in speeds))
@@ -211,15 +244,16 @@ def _drifts(trajectory: Trajectory, scene: Scene) -> Iterator[Metric]:
         yield Metric(DECAY_ERROR, "drift", decay.value, decay.uncertainty, CLOSED_FORM)
 
 
-def _truth_numbers(scene: Scene) -> Measured:
-    """In the child: where the bodies are at the end, and what happened on the way."""
-    truth = ground_truth(scene)
+def _truth_row(run: PlannedRun) -> Row:
+    """Find where the bodies are at the end, and the events on the way, in the child."""
+    truth = ground_truth(run.scene)
     end = truth(np.array([truth.t_end]))
     metrics = [Metric(f"{body}.{name} at the end [{unit}]", TRUTH, float(end[f"{body}.{name}"][0]),
                       truth.uncertainty.get(f"{body}.{name}"), truth.tier)
-               for body in scene.bodies for name, unit in _STATE.items() if f"{body}.{name}" in end]
+               for body in run.scene.bodies for name, unit in _STATE.items() if f"{body}.{name}" in end]
     for (kind, joint), count in sorted(Counter((event.kind, event.joint) for event in truth.events).items()):
         last = max(event.time for event in truth.events if (event.kind, event.joint) == (kind, joint))
         metrics += [Metric(f"{joint}, {kind}: events [-]", TRUTH, count, 0.0, truth.tier),
-                    Metric(f"{joint}, {kind}: the last [s]", TRUTH, last, truth.uncertainty.get("event time"), truth.tier)]
-    return Measured(reason=truth.note, metrics=tuple(metrics))
+                    Metric(f"{joint}, {kind}: the last [s]", TRUTH, last, truth.uncertainty.get("event time"),
+                           truth.tier)]
+    return replace(run.row, status="ok", reason=truth.note, metrics=tuple(metrics))

@@ -1,13 +1,13 @@
-"""Who takes part in `validate` and `compare`, over which ladders: data of ``campaigns/validation.toml``, the same for every engine.
+"""Variants of `validate` and `compare` with their steps and tolerances: data of ``campaigns/validation.toml``.
 
-Nothing here knows an engine by name but the reference, to which the others are compared. An engine that has no variant in the file, as one
-that another package announces or that is given as ``module:Class``, takes part at each of its fidelities with the file's ladders for
-``others``, in every comparison.
+Nothing here knows an engine by name but the reference, to which the others are compared. An engine without a variant in
+the file, as one that another package announces or that is given as ``module:Class``, takes part at each of its
+fidelities with the file's steps for ``others``, in every comparison.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 
@@ -21,12 +21,12 @@ REFERENCE = "reference"
 
 @cache
 def validation_campaign() -> Campaign:
-    """The campaign of `stiction validate`, with the variants of all engines that it knows."""
+    """Return the campaign of `stiction validate`, with the variants of all engines that it knows."""
     return load_campaign(CAMPAIGNS / "validation.toml")
 
 
 def participants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
-    """All variants of the reference and of the engines named (of all known ones where None), those of the file first."""
+    """Return all variants of the reference and of these engines, all known ones where None; those of the file first."""
     campaign = validation_campaign()
     chosen = dict.fromkeys([REFERENCE, *(engine_names() if engines is None else engines)])
     known = {variant.engine for variant in campaign.variants}
@@ -35,31 +35,32 @@ def participants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
 
 
 def extent(depth: Depth) -> Extent:
-    """What a depth of `stiction validate` runs."""
     return validation_campaign().depths[depth]
 
 
 def variants(engines: Iterable[str] | None = None, depth: Depth = Depth.FULL) -> tuple[Variant, ...]:
-    """Those whose runs are compared."""
-    return _with_ladders(engines, lambda variant: variant.ladder, extent(depth).runs)
+    """Return those whose runs are compared."""
+    return _refined(engines, depth, "ladder", "runs")
 
 
 def cost_variants(engines: Iterable[str] | None = None, depth: Depth = Depth.FULL) -> tuple[Variant, ...]:
-    """Those of work-precision diagrams, over the ladders for it."""
-    return _with_ladders(engines, lambda variant: variant.cost, extent(depth).cost)
+    """Return those of work-precision diagrams, with the steps for it."""
+    return _refined(engines, depth, "cost", "cost")
 
 
 def threshold_variants(engines: Iterable[str] | None = None, depth: Depth = Depth.FULL) -> tuple[Variant, ...]:
-    """Those whose stick threshold is measured, over the ladders for it."""
-    return _with_ladders(engines, lambda variant: variant.threshold, extent(depth).threshold)
+    """Return those whose stick threshold is measured, with the steps for it."""
+    return _refined(engines, depth, "threshold", "threshold")
 
 
-def _with_ladders(engines: Iterable[str] | None, ladder_of: Callable[[Variant], tuple[float, ...]], finest: Mapping[str, float]) -> tuple[Variant, ...]:
-    """The participants over one of their ladders, as far as a depth goes; those without a rung of it are left out."""
-    found = ((variant, down_to(ladder_of(variant), variant.parameter, finest)) for variant in participants(engines))
+def _refined(engines: Iterable[str] | None, depth: Depth, series: str, of_depth: str) -> tuple[Variant, ...]:
+    """Return the participants with one of their series as ladder, as far as a depth goes, if any is left."""
+    finest = getattr(extent(depth), of_depth)
+    found = ((variant, down_to(getattr(variant, series), variant.parameter, finest))
+             for variant in participants(engines))
     return tuple(replace(variant, ladder=ladder) for variant, ladder in found if ladder)
 
 
 def variant(label: str) -> Variant:
-    """A variant of the file by its label."""
+    """Return a variant of the file by its label."""
     return next(variant for variant in validation_campaign().variants if variant.label == label)

@@ -1,18 +1,20 @@
-"""What has changed beyond noise: runs against the baseline, times against the history.
+"""Changes beyond noise: of runs against the baseline, of times against the history.
 
-A run is compared with what the baseline has of the same identity (`stiction.comparisons.campaigns.run_identity`); one that it does not have is new.
+A run is compared with that of the same identity in the baseline; one that it does not have is new.
 
-Every kind of number has its own rule, and knows how far rounding alone moves it (`rounding`). Status and events are compared exactly. So are counters
-that rounding leaves alone; others may differ by `FURTHER` times as much as it moves them. Truths may differ by their uncertainties. Errors and drift have
-hard bounds (`tolerances`). What rounding moves beyond its bound leads to no verdict. Where it was not measured, as of the first night of a
-campaign that has no baseline, errors, drift and counters are judged under the same `environment.conditions` only. So no verdict
-depends on the make of the processor.
+Every kind of number has its own rule, and knows how far rounding alone moves it (`tolerances`). Status and events are
+compared exactly. So are counters that rounding leaves alone; others may differ by `FURTHER` times as much as it moves
+them. Truths may differ by their uncertainties. Errors and drift have hard bounds. A number that rounding moves beyond
+its bound leads to no verdict. Where rounding was not measured, as in the first night of a campaign that has no
+baseline, errors, drift and counters are judged under the same `environment.conditions` only. So no verdict depends on
+the make of the processor.
 
 A number that only one of two truths has, such as a kind of events, is compared only if both are of the same tier.
 
-Times lead to a verdict only against the code before, timed in turns with it in the same check (`stiction.comparisons.timing.older_code`), and only by the median
-over the runs of an engine, see `BOUND_TURNS`. Against a baseline or the history they are told, and no verdict: for the same code a neighbour
-that keeps both cores busy makes 1.5 times of them, another processor 1.9 times.
+Times lead to a verdict only against the code before, timed in turns with it in the same check
+(`stiction.comparisons.timing.older_code`), and only by the median over the runs of an engine, see `BOUND_TURNS`.
+Against a baseline or the history they are reported without a verdict: for the same code a neighbour that keeps both
+cores busy makes 1.5 times of them, another processor 1.9 times.
 """
 
 from __future__ import annotations
@@ -25,31 +27,32 @@ from types import MappingProxyType
 
 from stiction.comparisons.campaigns.baseline import Baseline, Expected, moved_truths
 from stiction.comparisons.campaigns.measurement import MOTION, RANDOM, TRUTH, Metric, Row
-from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.campaigns.tolerances import FURTHER, MARGIN, PATH_MOVED, bound, margin_of, not_judged
+from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.timing.older_code import TOTAL
 from stiction.engines.registry import EXTRAS
 
 REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW = "regression", "could not run", "better", "not judged", "new"
 SEVERITIES = (REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW)
-"""What a finding can be, worst first."""
+"""Severities of a finding, worst first."""
 FINE, NOTHING = "fine", "nothing compared"
-"""Verdicts where there is neither a regression nor a run that could not be made; `NOTHING` where no run had anything to be held to."""
+"""Verdicts without a regression or a run that could not be made; `NOTHING` where no run was compared."""
 
 BOUND_TURNS, FEWEST = 1.25, 5
-"""How many times the code before the median of an engine's runs must take to count as slower, and of how many runs at least. On two
-cores with six processes each run by itself gave 0.75 to 1.20 for the same code, the median of 42 runs 1.01 and 0.98; 1.52 for an engine that is
-half as slow again."""
+"""Ratio to the code before from which on the median of an engine's runs counts as slower, and their least number.
+
+On two cores with six processes each run by itself gave 0.75 to 1.20 for the same code, the median of 42 runs 1.01 and
+0.98; 1.52 for an engine that is half as slow again."""
 SESSIONS = 3
-"""Measurements of a time in different nights, each of which must be beyond the bound to be told."""
+"""Measurements of a time in different nights, each of which must be beyond the bound to be reported."""
 HISTORY = (5, 20)
 """Measurements that make a history: at least, and at most, the latest."""
 BOUND_HISTORY, SIGMAS = 1.25, 6.0
-"""Against the history under the same conditions: how many times its median, and how many standard deviations (1.4826 times the median
-absolute deviation) above it, a time must be to be told."""
+"""Against the history under the same conditions, bounds of a time: ratio to its median, and standard deviations (1.4826
+times the median absolute deviation) above it."""
 BOUND_BASELINE = 1.5
-"""Against one measurement, a baseline's."""
+"""Ratio to one measurement, a baseline's."""
 
 IN_TURNS = "{} over that of the code before [-]"
 """Name of the quantity."""
@@ -57,7 +60,7 @@ IN_TURNS = "{} over that of the code before [-]"
 _RANKS = ("status", TRUTH, RANDOM, "event", "accuracy", MOTION, "drift", "counter", "time")
 """Kinds of findings in the order in which they are shown."""
 _STATUSES = ("ok", "incomplete", "refused", "failed", "timed out", "crashed", WRONG)
-"""From good to bad: worst is a result that is none and does not say so; ``missing`` and `NOT_RUN` say nothing about the solver."""
+"""From good to bad, silently wrong the worst; ``missing`` and ``not run`` are no property of a solver."""
 _MORE_IS_BETTER = ("events matched",)
 
 
@@ -65,20 +68,9 @@ _MORE_IS_BETTER = ("events matched",)
 class Finding:
     """Something that is not as the baseline has it.
 
-    Attributes
-    ----------
-    severity : str
-        One of `SEVERITIES`.
-    kind : str
-        ``status``, ``truth``, ``random``, ``event``, ``accuracy``, ``motion``, ``drift``, ``counter``, ``time``.
-    key, metric : str
-        The run, and its number; empty for the status.
-    before, now : float, str or None
-        In the baseline or history, and in this run; None where there is none.
-    ratio : float
-        How many times the worse value is the better one; infinite where that means nothing.
-    reason : str
-        Why this is not noise, in words.
+    `severity` is one of `SEVERITIES`; `kind` is that of the number, or ``status``, where `metric` is empty. `before` is
+    of the baseline or the history, `now` of this run; None where there is none. `ratio` is that of the larger to the
+    smaller size, infinite where that means nothing. `reason` says why this is not noise.
     """
 
     severity: str
@@ -100,100 +92,117 @@ class Times:
 
 
 def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], times: Mapping[str, Times],
-             conditions: str, turns: Mapping[str, float | str] = MappingProxyType({})) -> list[Finding]:
-    """All that is not as the baseline has it, worst first.
+             conditions: str, turns: Mapping[str, Mapping[str, float] | str] = MappingProxyType({})) -> list[Finding]:
+    """Return all that is not as the baseline has it, worst first. Rows that only the baseline has are not missed.
 
     Parameters
     ----------
-    rows
-        What was run. Rows that only the baseline has are not missed.
     kinds
-        What was measured.
+        Kinds of numbers that were measured.
     times
-        By key of the run; of one that is not among them the time is not told.
+        By key of the run; the time of any other is not reported.
     conditions
         Under which the rows were made, see `environment.conditions`.
     turns
-        By key of the run, see `control.times_in_turns`.
+        By key of the run, see `older_code.times_in_turns`.
     """
-    rows = list(rows)
-    found = [finding for row in rows if row.variant == RANDOM for finding in _of_draw(row)]
-    rows = [row for row in rows if row.variant != RANDOM]
-    found += [finding for row in rows for finding in _of_row(row, baseline, kinds, times, conditions)]
-    found += _of_turns(rows, turns)
+    drawn, compared = ([row for row in rows if (row.variant == RANDOM) == random] for random in (True, False))
+    found = [_of_draw(row) for row in drawn if row.status != "ok"]
+    found += [finding for row in compared for finding in _of_row(row, baseline, kinds, times, conditions)]
+    found += _of_turns(compared, turns)
     return sorted(found, key=lambda f: (SEVERITIES.index(f.severity), _RANKS.index(f.kind), -f.ratio, f.key, f.metric))
 
 
 def verdict(found: Iterable[Finding], compared: int) -> str:
-    """The worst of the findings that count: `REGRESSION` or `COULD_NOT_RUN`; else `FINE`, or `NOTHING` where no run was compared."""
+    """Return `REGRESSION` or `COULD_NOT_RUN` if there is one; else `FINE`, or `NOTHING` where no run was compared."""
     severities = {finding.severity for finding in found}
-    return next((severity for severity in (REGRESSION, COULD_NOT_RUN) if severity in severities), FINE if compared else NOTHING)
+    return next((severity for severity in (REGRESSION, COULD_NOT_RUN) if severity in severities),
+                FINE if compared else NOTHING)
 
 
 def compared(rows: Iterable[Row], baseline: Baseline) -> int:
-    """How many runs came out and have an entry in the baseline; truths are no runs, and what is drawn has none."""
-    return sum(row.variant not in (RANDOM, TRUTH) and row.outcome in _STATUSES and baseline.expected(row) is not None for row in rows)
+    """Count the runs that were made and have an entry in the baseline; truths are no runs, and draws have none."""
+    return sum(row.variant not in (RANDOM, TRUTH) and row.outcome in _STATUSES and baseline.expected(row) is not None
+               for row in rows)
 
 
-def _of_row(row: Row, baseline: Baseline, kinds: Collection[str], times: Mapping[str, Times], conditions: str) -> Iterator[Finding]:
-    now, expected = row.outcome, baseline.expected(row)
-    if now == "missing" and row.engine in EXTRAS:  # nobody has promised that it is installed
-        yield Finding(NOT_JUDGED, "status", row.key, "", expected and expected.outcome, now, math.inf, row.reason)
-        return
-    if expected is None:
-        lost = now not in ("ok", "refused")
+def _of_draw(row: Row) -> Finding:
+    """Return the finding of a random scene that is silently wrong, or on which run and truth do not stop alike."""
+    severity = REGRESSION if row.status == WRONG else COULD_NOT_RUN
+    return Finding(severity, RANDOM, row.key, "", None, row.status, math.inf, f"{row.identity}: {row.reason}")
+
+
+def _of_row(row: Row, baseline: Baseline, kinds: Collection[str], times: Mapping[str, Times],
+            conditions: str) -> Iterator[Finding]:
+    expected = baseline.expected(row)
+    if finding := _of_status(row, expected, baseline):
+        yield finding
+    else:
+        yield from _of_truths(row, expected)
+        yield from _of_numbers(row, expected, kinds, times.get(row.key), expected.conditions == conditions)
+
+
+def _of_status(row: Row, expected: Expected | None, baseline: Baseline) -> Finding | None:
+    now, before = row.outcome, expected and expected.outcome
+    if now == "missing" and row.engine in EXTRAS:  # an extra need not be installed
+        severity, words = NOT_JUDGED, row.reason
+    elif expected is None:
+        severity = NEW if now in ("ok", "refused") else COULD_NOT_RUN
         other = baseline.runs.get(row.key)
         words = "not in the baseline" + (f", where the name is that of another run ({other.identity})" if other else "")
         words += f": {row.reason}" if row.reason else ""
-        yield Finding(COULD_NOT_RUN if lost else NEW, "status", row.key, "", None, now, math.inf, words)
-        return
-    before = expected.outcome
-    if now != before:
+    elif now == before:
+        return None
+    else:
+        words = (row.reason or f"before: {expected.reason}") + _other_version(row, expected)
         if now not in _STATUSES:
             severity = COULD_NOT_RUN
         elif now in expected.other_ends:
-            severity = NOT_JUDGED
+            severity, words = NOT_JUDGED, f"rounding decides how it ends: {words}"
         else:
             worse = before in _STATUSES and _STATUSES.index(now) > _STATUSES.index(before)
             severity = REGRESSION if worse else BETTER
-        words = ("rounding decides how it ends: " if severity == NOT_JUDGED else "") + (row.reason or f"before: {expected.reason}")
-        yield Finding(severity, "status", row.key, "", before, now, math.inf, words + _other_version(row, expected))
-        return
+    return Finding(severity, "status", row.key, "", before, now, math.inf, words)
+
+
+def _of_truths(row: Row, expected: Expected) -> Iterator[Finding]:
     tiers = {metric.tier for metric in row.metrics if metric.kind == TRUTH}
     for fixed, new, why in moved_truths(row, expected):
         severity = NOT_JUDGED if new is None and tiers and fixed.tier not in tiers else REGRESSION
         yield Finding(severity, TRUTH, row.key, fixed.name, fixed.value, new and new.value, math.inf, why)
+
+
+def _of_numbers(row: Row, expected: Expected, kinds: Collection[str], times: Times | None,
+                alike: bool) -> Iterator[Finding]:
+    """Compare the numbers of a row with those expected, made under the same conditions where `alike`."""
     measured, known = {metric.name: metric for metric in row.metrics}, expected.metrics
     for name, new in measured.items():
         if name not in known:
             yield Finding(NEW, new.kind, row.key, name, None, new.value, math.inf, "the baseline does not have it")
     for name, old in known.items():
-        if name in measured:
-            alike = expected.conditions == conditions
-            why = not_judged(old, row.parameter)
-            if not alike and old.rounding is None and old.kind in FURTHER:
-                why = "not judged: made under other conditions, and how far rounding moves it was not measured"
-            for finding in _of_number(row, old, measured[name], times.get(row.key), alike):
-                found = replace(finding, reason=finding.reason + _other_version(row, expected))
-                yield replace(found, severity=NOT_JUDGED, reason=f"{why}; {found.reason}") if why else found
-        elif old.kind in kinds:
-            yield _gone(row, old)
-
-
-def _of_draw(row: Row) -> Iterator[Finding]:
-    """No random scene is known that is silently wrong, or on which run and truth do not stop alike."""
-    if row.status != "ok":
-        yield Finding(REGRESSION if row.status == WRONG else COULD_NOT_RUN, RANDOM, row.key, "", None, row.status, math.inf,
-                      f"{row.identity}: {row.reason}")
+        if name not in measured:
+            if old.kind in kinds:
+                yield _gone(row, old)
+            continue
+        why = not_judged(old, row.parameter)
+        if not alike and old.rounding is None and old.kind in FURTHER:
+            why = "not judged: made under other conditions, and how far rounding moves it was not measured"
+        found = (times and _of_time(row.key, old, times, alike) if old.kind == "time"
+                 else _RULES[old.kind](row, old, measured[name]))
+        if found:
+            found = replace(found, reason=found.reason + _other_version(row, expected))
+            yield replace(found, severity=NOT_JUDGED, reason=f"{why}; {found.reason}") if why else found
 
 
 def _gone(row: Row, old: Metric) -> Finding:
-    """Of a number that the baseline has and the row has not."""
+    """Return the finding of a number that the baseline has and the row has not."""
     tiers = {metric.tier for metric in row.metrics if metric.kind in ("accuracy", "event")}
+    severity = NOT_JUDGED
     if old.kind in ("accuracy", "event") and tiers and old.tier not in tiers:
-        severity, words = NOT_JUDGED, f"not judged: the baseline's truth ({old.tier}) has it, that of now ({', '.join(sorted(tiers))}) has not"
+        words = (f"not judged: the baseline's truth ({old.tier}) has it, that of now ({', '.join(sorted(tiers))}) "
+                 "has not")
     elif old.rounding == math.inf:
-        severity, words = NOT_JUDGED, "not judged: with other rounding it is not there"
+        words = "not judged: with other rounding it is not there"
     else:
         severity, words = REGRESSION, "the baseline has it, this run has nothing"
     return Finding(severity, old.kind, row.key, old.name, old.value, None, math.inf, words)
@@ -204,65 +213,77 @@ def _other_version(row: Row, expected: Expected) -> str:
     return f" ({row.engine} {row.version}; the baseline's is of {expected.version})" if known else ""
 
 
-def _of_number(row: Row, old: Metric, new: Metric, times: Times | None, alike: bool) -> Iterator[Finding]:
-    key = row.key
-    if old.kind == "time":
-        if times is not None:
-            yield from _of_time(key, old, times, alike)
-    elif old.kind in ("event", "counter"):
-        allowed = FURTHER[old.kind] * (old.rounding or 0.0) if old.kind == "counter" else 0.0
-        if abs(new.value - old.value) > allowed:
-            worse = new.value < old.value if old.name in _MORE_IS_BETTER else new.value > old.value
-            words = f"rounding moves it by {old.rounding:g}, allowed {allowed:g}" if allowed else "counted exactly"
-            words += f", against the truth ({new.tier})" if old.kind == "event" else ""
-            yield Finding(REGRESSION if worse else BETTER, old.kind, key, old.name, old.value, new.value, _ratio(old.value, new.value),
-                          f"{'more' if new.value > old.value else 'fewer'}; {words}")
-    elif old.kind == MOTION:
-        if abs(new.value - old.value) > PATH_MOVED * old.value:
-            yield Finding(REGRESSION, MOTION, key, old.name, old.value, new.value, _ratio(old.value, new.value),
-                          f"by {abs(new.value / old.value - 1):.2g} of itself; allowed {PATH_MOVED:g}: fixed steps stay where they are")
-    elif old.kind == TRUTH:
-        allowed = MARGIN[OWN_RUN] * _uncertainty(old, new)
-        if old.tier == OWN_RUN and abs(new.value - old.value) > allowed:
-            yield Finding(REGRESSION, TRUTH, key, old.name, old.value, new.value, math.inf,
-                          f"the run that stands in for a truth has moved by {abs(new.value - old.value):.2g}; allowed {allowed:.2g}")
-    else:
-        yield from _of_error(row, old, new)
+def _of_count(row: Row, old: Metric, new: Metric) -> Finding | None:
+    allowed = FURTHER[old.kind] * (old.rounding or 0.0) if old.kind == "counter" else 0.0
+    if abs(new.value - old.value) <= allowed:
+        return None
+    worse = new.value < old.value if old.name in _MORE_IS_BETTER else new.value > old.value
+    words = f"rounding moves it by {old.rounding:g}, allowed {allowed:g}" if allowed else "counted exactly"
+    words += f", against the truth ({new.tier})" if old.kind == "event" else ""
+    return _changed(REGRESSION if worse else BETTER, row, old, new,
+                    f"{'more' if new.value > old.value else 'fewer'}; {words}")
 
 
-def _of_error(row: Row, old: Metric, new: Metric) -> Iterator[Finding]:
-    key, margin = row.key, margin_of(new.tier, _uncertainty(old, new))
+def _of_path(row: Row, old: Metric, new: Metric) -> Finding | None:
+    if abs(new.value - old.value) <= PATH_MOVED * old.value:
+        return None
+    return _changed(REGRESSION, row, old, new, f"by {abs(new.value / old.value - 1):.2g} of itself; allowed "
+                                               f"{PATH_MOVED:g}: fixed steps stay where they are")
+
+
+def _of_own_truth(row: Row, old: Metric, new: Metric) -> Finding | None:
+    allowed, moved = MARGIN[OWN_RUN] * _uncertainty(old, new), abs(new.value - old.value)
+    if old.tier != OWN_RUN or moved <= allowed:
+        return None
+    words = f"the run that stands in for a truth has moved by {moved:.2g}; allowed {allowed:.2g}"
+    return replace(_changed(REGRESSION, row, old, new, words), ratio=math.inf)
+
+
+def _of_error(row: Row, old: Metric, new: Metric) -> Finding | None:
+    margin, ratio = margin_of(new.tier, _uncertainty(old, new)), _ratio(old.value, new.value)
     most = bound(old.value, row.parameter, margin)
     if new.value > most:
-        yield Finding(REGRESSION, old.kind, key, old.name, old.value, new.value, _ratio(old.value, new.value),
-                      f"{_ratio(old.value, new.value):.3g} times the baseline's, against the truth ({new.tier}); allowed up to {most:.2g}")
-    elif old.value > bound(new.value, row.parameter, margin):
-        yield Finding(BETTER, old.kind, key, old.name, old.value, new.value, _ratio(old.value, new.value),
-                      f"the baseline's is {_ratio(old.value, new.value):.3g} times this one")
+        words = f"{ratio:.3g} times the baseline's, against the truth ({new.tier}); allowed up to {most:.2g}"
+        return _changed(REGRESSION, row, old, new, words)
+    if old.value > bound(new.value, row.parameter, margin):
+        return _changed(BETTER, row, old, new, f"the baseline's is {ratio:.3g} times this one")
+    return None
 
 
-def _of_time(key: str, old: Metric, times: Times, alike: bool) -> Iterator[Finding]:
+_RULES = {"event": _of_count, "counter": _of_count, MOTION: _of_path, TRUTH: _of_own_truth, "accuracy": _of_error,
+          "drift": _of_error}
+"""Finding of a number that both the row and the baseline have, by kind; those of times are `_of_time`."""
+
+
+def _changed(severity: str, row: Row, old: Metric, new: Metric, words: str) -> Finding:
+    ratio = _ratio(old.value, new.value)
+    return Finding(severity, old.kind, row.key, old.name, old.value, new.value, ratio, words)
+
+
+def _of_time(key: str, old: Metric, times: Times, alike: bool) -> Finding | None:
     least, most = HISTORY
     if len(times.past) >= least:
         past = times.past[-most:]
         before = median(past)
         deviation = 1.4826 * median(abs(value - before) for value in past)
-        bound, alike = max(BOUND_HISTORY, 1 + SIGMAS * deviation / before), True
+        factor, alike = max(BOUND_HISTORY, 1 + SIGMAS * deviation / before), True
         words = f"the median of {len(past)} nights under these conditions"
     else:
-        before, bound, words = old.value, BOUND_BASELINE, "the baseline's"
+        before, factor, words = old.value, BOUND_BASELINE, "the baseline's"
     shortest, longest = min(times.now), max(times.now)
-    if before / bound <= longest and shortest <= bound * before:
-        return
+    if before / factor <= longest and shortest <= factor * before:
+        return None
     slow = shortest > before
     now = shortest if slow else longest
-    measured = f"{_ratio(before, now):.2f} times as {'slow' if slow else 'fast'} at least in {len(times.now)}"
+    ratio = _ratio(before, now)
     why = "a busy machine does that too" if alike else "the baseline was made under other conditions"
-    yield Finding(NOT_JUDGED, "time", key, old.name, before, now, _ratio(before, now),
-                  f"{measured}; told from {bound:.2f} times {words}; no verdict: {why}, `stiction check --control` decides")
+    return Finding(NOT_JUDGED, "time", key, old.name, before, now, ratio,
+                   f"{ratio:.2f} times as {'slow' if slow else 'fast'} at least in {len(times.now)}; reported from "
+                   f"{factor:.2f} times {words}; no verdict: {why}, `stiction check --control` decides")
 
 
 def _of_turns(rows: Sequence[Row], turns: Mapping[str, Mapping[str, float] | str]) -> Iterator[Finding]:
+    """Compare the times of each engine with those of the code before, by the median of its runs."""
     measured: dict[tuple[str, str], list[float]] = {}
     for row in rows:
         ratios = turns.get(row.key, {})
@@ -278,7 +299,8 @@ def _of_turns(rows: Sequence[Row], turns: Mapping[str, Mapping[str, float] | str
         severity = NOT_JUDGED if not enough else REGRESSION if now > 1 else BETTER
         why = f"noise ends at {BOUND_TURNS:g}" if enough else f"no verdict on fewer than {FEWEST} runs"
         yield Finding(severity, "time", engine, IN_TURNS.format(what), 1.0, now, _ratio(1.0, now),
-                      f"median of {len(ratios)} runs, {min(ratios):.2f} to {max(ratios):.2f}, timed in turns with the code before; {why}")
+                      f"median of {len(ratios)} runs, {min(ratios):.2f} to {max(ratios):.2f}, timed in turns with the "
+                      f"code before; {why}")
 
 
 def _uncertainty(old: Metric, new: Metric) -> float:

@@ -1,42 +1,85 @@
-"""How far a number may be from the baseline's: hard bounds, and what rounding alone does to it."""
+"""Largest differences of a number from the baseline's: hard bounds, and how far rounding alone moves it.
+
+A number that rounding moves far has no value to hold a night to: past a singular position, say, rounding decides which
+way a mechanism goes on.
+"""
 
 from __future__ import annotations
 
-from stiction.comparisons.campaigns.measurement import MOTION, Metric
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from stiction.comparisons.campaigns.measurement import MOTION, WAYS, Metric, Row
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 
 FACTOR = {"rtol": 30.0, "dt": 2.0}
-"""By what the ladder of a run varies, how many times the baseline's an error may be. Another machine or library changes the rounding,
-and with it which steps an adaptive method rejects: a tolerance changed by 1e-6 of itself moves errors by factors of up to 13
-(Baumgarte on mass-on-belt, rtol 1e-11; tests/comparisons/campaigns/test_regression.py). At rtol 1e-9 it would be 54: there not the tolerance but the
-limit of stability sets Baumgarte's steps, and the errors are chance. Fixed steps stay where they are."""
+"""Largest ratio of an error to the baseline's, by the parameter of a run.
+
+Another machine or library changes the rounding, and with it the steps that an adaptive method rejects. A tolerance
+changed by 1e-6 of itself moves errors by factors of up to 13 (Baumgarte on mass-on-belt, rtol 1e-11;
+tests/comparisons/campaigns/test_regression.py). At rtol 1e-9 it would be 54: there not the tolerance but the limit of
+stability sets Baumgarte's steps, and the errors are chance. Fixed steps stay where they are.
+"""
 MARGIN = {PROVEN: 2.0, CLOSED_FORM: 2.0, HIGH_PRECISION: 2.0, PUBLISHED: 2.0, OWN_RUN: 10.0}
-"""By tier, how many times the uncertainty of the truth an error may differ whatever the baseline says: that of now and that of
-then; of our own run, whose uncertainty is the difference of two tolerances of one method, ten times."""
+"""Largest difference of an error by tier, in uncertainties of the truth, whatever the baseline says: that of now and
+that of then. Our own run has the difference of two tolerances of one method as its uncertainty, so ten times that."""
 
 PATH_MOVED = 1e-6
-"""Of itself, by how much the path of fixed steps may differ. In the case that the suite's campaign follows (case 1, 24 s), a mass
-that is another by some 1e-13 of itself moves it by 1e-11 at most, in every engine; friction that is 1 % more by 2.5e-3 at least."""
+"""Largest relative change of the path of fixed steps. In case 1 over 24 s, which the suite's campaign follows, a
+relative change of a mass by 1e-13 moves the path by 1e-11 at most, in every engine; 1 % more friction by 2.5e-3."""
 
 FURTHER = {"accuracy": 2.0, "drift": 2.0, "counter": 3.0}
-"""By kind, how many times as far as in the runs that were made again another rounding is expected to move a number: few were made."""
+"""Factor on the largest change in the runs that were made again, of which there are few; by kind."""
 
 
 def bound(error: float, parameter: str, margin: float) -> float:
-    """The largest error that is no regression where the baseline has `error`."""
+    """Return the largest error that is no regression where the baseline has `error`."""
     return max(FACTOR.get(parameter, FACTOR["dt"]) * error, error + margin)
 
 
 def margin_of(tier: str, uncertainty: float) -> float:
-    """What errors may differ by that both are measured against truths with, together, this uncertainty."""
+    """Return the largest difference of errors against truths that have, together, this uncertainty."""
     return MARGIN[tier] * uncertainty
 
 
 def not_judged(metric: Metric, parameter: str) -> str:
-    """Why a number of a baseline leads to no verdict; empty where it does. A count has what rounding does in its tolerance."""
+    """Return why a number of a baseline leads to no verdict; empty where it does.
+
+    A count leads to one always: its tolerance has the effect of rounding.
+    """
     moved = metric.rounding
     if moved is None or metric.kind == "counter":
         return ""
-    tolerated = 0.0 if metric.kind == "event" else PATH_MOVED * metric.value if metric.kind == MOTION else bound(metric.value, parameter, margin_of(metric.tier, 2 * (metric.uncertainty or 0.0))) - metric.value
+    if metric.kind == "event":
+        tolerated = 0.0
+    elif metric.kind == MOTION:
+        tolerated = PATH_MOVED * metric.value
+    else:
+        margin = margin_of(metric.tier, 2 * (metric.uncertainty or 0.0))
+        tolerated = bound(metric.value, parameter, margin) - metric.value
     return f"not judged: rounding moves it by {moved:.3g}" if FURTHER.get(metric.kind, 1.0) * moved > tolerated else ""
+
+
+def with_rounding(rows: Iterable[Row], again: Mapping[str, Sequence[Row]]) -> list[Row]:
+    """Return the rows, each number with its largest change in the same run made again, which `again` has by key.
+
+    It is infinite where one of these does not have the number. A run that was not made again in all `WAYS` stays as it
+    is. Of the last one, `GRID`, a part counts: a grid is no chance, and moves a number as far every time.
+    """
+    return [_with_rounding(row, again[row.key]) if len(again.get(row.key, ())) == len(WAYS) else row for row in rows]
+
+
+def _with_rounding(row: Row, again: Sequence[Row]) -> Row:
+    values = [{metric.name: metric.value for metric in other.metrics} for other in again]
+
+    def moved(metric: Metric) -> float:
+        *rounded, by_grid = (abs(found.get(metric.name, math.inf) - metric.value) for found in values)
+        if metric.kind in ("counter", MOTION):  # samples are work too, and with half as many a path has other corners
+            return max(rounded)
+        return max(*rounded, by_grid / FURTHER.get(metric.kind, 1.0))
+
+    metrics = tuple(metric if metric.kind == "time" else replace(metric, rounding=moved(metric))
+                    for metric in row.metrics)
+    return replace(row, metrics=metrics, other_ends=tuple(sorted({other.outcome for other in again} - {row.outcome})))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -18,6 +19,8 @@ from stiction.comparisons.environment import load
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables, studies
 from stiction.comparisons.timing.timed_runs import machine_while_timing
+from stiction.comparisons.truth import Truth
+from stiction.comparisons.variants import Record
 from stiction.engines.isolation import Isolate, Outcome
 
 TIMED_SECONDS = 0.25
@@ -32,8 +35,6 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
 
     Parameters
     ----------
-    depth
-        How far it goes: `stiction.comparisons.campaigns.participants.extent`.
     engines
         External engines to take part; all known ones where None. The reference always does.
     workers, on_result, isolated, timed_by
@@ -45,7 +46,8 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     """
     started, cpu_started, load_before = time.perf_counter(), time.process_time(), load()
     limits = extent(depth)
-    options: dict[str, Any] = {"workers": workers, "timeout_s": limits.limit, "isolated": isolated, "timed_by": timed_by}
+    options: dict[str, Any] = {"workers": workers, "timeout_s": limits.limit, "isolated": isolated,
+                               "timed_by": timed_by}
     spent = 0.0
 
     def count(outcome: Outcome) -> None:
@@ -70,49 +72,55 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     for study, comparison in plan.items():
         if comparison.rounds and not watch.interrupted:
             watch.on_study(study, results(made))
-    samples = union(made).table("times")
-    taking_part = list(dict.fromkeys(variant.engine for variant in variants(engines, depth)))
-    return results(made, **{"depth": str(depth), "engines": taking_part, "time limit [s]": limits.limit, "workers": workers, "trajectories": limits.trajectories,
-                            "interrupted": watch.interrupted, "machine before": load_before,
-                            "machine while timing": machine_while_timing(samples) if len(samples) else {}, "machine after": load()})
+    return results(made, **{
+        "depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in variants(engines, depth))),
+        "time limit [s]": limits.limit, "workers": workers, "trajectories": limits.trajectories,
+        "interrupted": watch.interrupted, "machine before": load_before,
+        "machine while timing": machine_while_timing(union(made).table("times")), "machine after": load()})
 
 
 def planned(scope: Scope, chosen: Sequence[Study], **options: Any) -> dict[Study, Comparison[Tables]]:
-    """The runs of each study within a scope, those that take longest first, so that no core waits for them in the end.
+    """Return the runs of each study within a scope, the longest first, so that no core waits for them in the end.
 
-    What studies require is made on the way; options of `make`.
+    Requirements of studies are made on the way; options of `make`.
     """
     required = {name: plan for study in chosen for name, plan in study.requires.items()}
     known = dict(zip(required, make([plan(scope) for plan in required.values()], **options), strict=True))
-    scope = Scope(scope.scenes, scope.depth, scope.engines, scope.t_end, scope.repeats, scope.options, known)
-    plans = {study: comparison for study in chosen if study.plan is not None and (comparison := study.plan(scope)) is not None}
-    return dict(sorted(plans.items(), key=lambda item: -item[0].seconds))
+    scope = replace(scope, known=known)
+    plans = {study: study.plan(scope) for study in chosen if study.plan is not None}
+    return {study: plan for study, plan in sorted(plans.items(), key=lambda item: -item[0].seconds)
+            if plan is not None}
 
 
-def union(made: Sequence[Tables], settings: Mapping[str, object] = MappingProxyType({}), wall_s: float = 0.0, cpu_s: float = 0.0) -> Results:
-    """The results of several studies as one; tables of one name follow each other, runs of one key are kept once."""
-    tables: dict[str, list[pd.DataFrame]] = defaultdict(list)
+def union(made: Sequence[Tables], settings: Mapping[str, object] = MappingProxyType({}), wall_s: float = 0.0,
+          cpu_s: float = 0.0) -> Results:
+    """Return the results of several studies as one.
+
+    Tables of one name follow each other. Runs of one key are kept once, the first of them.
+    """
+    parts: dict[str, list[pd.DataFrame]] = defaultdict(list)
+    records: dict[str, Record] = {}
+    truths: dict[str, Truth] = {}
     for one in made:
         for name, table in one.tables.items():
-            tables[name].append(table)
-    records = {record.key: record for one in reversed(made) for record in one.records}
-    truths = {name: truth for one in made for name, truth in one.truths.items()}
-    ordered = [records.pop(record.key) for one in made for record in one.records if record.key in records]
-    return Results(tuple(ordered), truths, {name: pd.concat(parts, ignore_index=True) for name, parts in tables.items()}, settings, wall_s, cpu_s,
-                   tuple(record for one in made for record in one.timed), tuple(problem for one in made for problem in one.problems))
+            parts[name].append(table)
+        for record in one.records:
+            records.setdefault(record.key, record)
+        truths |= one.truths
+    tables = {name: pd.concat(tables, ignore_index=True) for name, tables in parts.items()}
+    return Results(tuple(records.values()), truths, tables, settings, wall_s, cpu_s,
+                   tuple(record for one in made for record in one.timed),
+                   tuple(problem for one in made for problem in one.problems))
 
 
 class _Watch:
-    """The part of the work that is done, and each study as soon as all of its runs are; timed studies come last, all of them together.
+    """Progress: the part of the work that is done, and each study as soon as all of its runs are.
 
-    Attributes
-    ----------
-    interrupted : bool
-        Whether runs were left out: then no study is reported any more, and the report has what was done.
+    Timed studies come last, all of them together. Once runs were left out it is `interrupted`, and reports no study.
     """
 
-    def __init__(self, plan: Mapping[Study, Comparison[Tables]], on_share: Callable[[float], None], on_study: Callable[[Study, Results], None],
-                 results: Callable[[Sequence[Tables]], Results]):
+    def __init__(self, plan: Mapping[Study, Comparison[Tables]], on_share: Callable[[float], None],
+                 on_study: Callable[[Study, Results], None], results: Callable[[Sequence[Tables]], Results]):
         self.on_study, self._on_share, self._results = on_study, on_share, results
         self._plan = {study: comparison for study, comparison in plan.items() if not comparison.rounds}
         self._outcomes: dict[Study, dict[int, Outcome]] = {study: {} for study in self._plan}
@@ -125,9 +133,10 @@ class _Watch:
         self.interrupted = False
 
     def start(self, number: int) -> None:
-        """Take notice of how many results will come."""
+        """Take notice of the number of results that will come."""
         counts = {study: len(comparison.tasks) for study, comparison in self._plan.items()}
-        self._total = sum(study.seconds * count for study, count in counts.items()) + TIMED_SECONDS * (number - sum(counts.values()))
+        seconds = sum(study.seconds * count for study, count in counts.items())
+        self._total = seconds + TIMED_SECONDS * (number - sum(counts.values()))
 
     def result(self, outcome: Outcome) -> None:
         study, place = awaited.pop(0) if (awaited := self._awaited[outcome.label]) else (None, 0)

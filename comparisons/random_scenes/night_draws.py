@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from stiction.comparisons.campaigns.measurement import RANDOM, Measured, Metric, Row
+from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, Metric, Row
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.random_scenes import random_slider_bars, resting_mechanisms
 from stiction.comparisons.random_scenes.drawn_scenes import Study
 from stiction.comparisons.truth import HIGH_PRECISION
-from stiction.engines.isolation import Outcome, Task
+from stiction.engines.isolation import Task
 from stiction.engines.registry import load_engine
 
 STUDIES: Mapping[str, Study] = {"slider-bars": random_slider_bars.STUDY, "mechanisms": resting_mechanisms.STUDY}
@@ -38,15 +38,15 @@ class Draw:
     def identity(self) -> str:
         return f"{RANDOM}; {self.count} {self.what} of seed {self.seed} from {self.first} on"
 
-    def task(self, kinds: Collection[str], repeats: int) -> Task:
-        return Task(self.key, _measured, (self.what, self.seed, self.first, self.count))
-
-    def row(self, outcome: Outcome) -> Row:
-        found: Measured = outcome.value or Measured()
-        status = found.status if outcome.status == "ok" else outcome.status
+    @property
+    def row(self) -> Row:
+        """Row before the run is made."""
         settings = {"what": self.what, "seed": self.seed, "count": self.count, "rtol": STUDIES[self.what].rtols}
-        return Row(self.key, self.identity, f"random {self.what}", RANDOM, "reference", found.version, "joint", "first",
-                   self.first, status, outcome.reason or found.reason, settings, found.metrics, outcome.traceback)
+        return Row(self.key, self.identity, f"random {self.what}", RANDOM, "reference", None, "joint", "first",
+                   self.first, NOT_RUN, "", settings)
+
+    def task(self, kinds: Collection[str], repeats: int) -> Task:
+        return Task(self.key, _measured, (self,))
 
 
 def draws_of_night(night: str, counts: Mapping[str, int]) -> list[Draw]:
@@ -56,17 +56,18 @@ def draws_of_night(night: str, counts: Mapping[str, int]) -> list[Draw]:
             for first in range(0, count, BATCH[what])]
 
 
-def _measured(what: str, seed: int, first: int, count: int) -> Measured:
-    """In the child: the number of verdicts of each class; what is wrong, and the command that shows it again."""
-    study, counts, failing = STUDIES[what], Counter(), []
-    for i in range(first, first + count):
-        verdicts = [verdict for of_scene in study.judge(seed, i, study.rtols) for verdict in of_scene]
+def _measured(draw: Draw) -> Row:
+    """Count the verdicts of each class, in the child; name what is wrong, and the command that shows it again."""
+    study, counts, failing = STUDIES[draw.what], Counter(), []
+    for i in range(draw.first, draw.first + draw.count):
+        verdicts = [verdict for of_scene in study.judge(draw.seed, i, study.rtols) for verdict in of_scene]
         counts.update(verdict.outcome for verdict in verdicts)
-        failing += [f"{verdict.outcome}: {verdict.detail}; {verdict.about}; {study.again(seed, i)}"
+        failing += [f"{verdict.outcome}: {verdict.detail}; {verdict.about}; {study.again(draw.seed, i)}"
                     for verdict in verdicts if verdict.outcome in study.failing]
-    return Measured(load_engine("reference").version, WRONG if failing else "ok", " | ".join(failing),
-                    metrics=tuple(Metric(f"{outcome} [-]", RANDOM, counts[outcome], tier=HIGH_PRECISION)
-                                  for outcome in study.outcomes if counts[outcome]))
+    metrics = tuple(Metric(f"{outcome} [-]", RANDOM, counts[outcome], tier=HIGH_PRECISION)
+                    for outcome in study.outcomes if counts[outcome])
+    return replace(draw.row, version=load_engine("reference").version, status=WRONG if failing else "ok",
+                   reason=" | ".join(failing), metrics=metrics)
 
 
 def sentences_on_draws(rows: Sequence[Row]) -> str:

@@ -9,9 +9,8 @@ from itertools import chain
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
+from stiction.comparisons.campaigns.comparison import Comparison, records_comparison, side_by_side
 from stiction.comparisons.campaigns.participants import variants
-from stiction.comparisons.campaigns.single_scene import records_comparison
 from stiction.comparisons.measures.accuracy import (EVENT_WINDOW, KINDS, TORQUE_ERROR, accuracy_table, errors, missed,
                                                     size_of)
 from stiction.comparisons.measures.scene_truth import truth_for

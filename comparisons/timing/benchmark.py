@@ -25,7 +25,8 @@ from stiction.comparisons.campaigns.participants import REFERENCE, cost_variants
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.timing.intervals import Interval, median_interval, ratio_interval
 from stiction.comparisons.timing.mechanism_families import FAMILIES
-from stiction.comparisons.timing.rounds import MOST, block, in_rounds, times_in_rounds
+from stiction.comparisons.timing.reduced_integrator import integrate, parameters
+from stiction.comparisons.timing.rounds import MOST, block, in_rounds
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import COMMON_STEP, OWN_CPU
 from stiction.engines.reference.engine import ReferenceEngine
@@ -68,8 +69,6 @@ def benchmark(scene: Scene) -> Iterator[str]:
 
 def _methods(scene: Scene) -> Iterator[str]:
     """CPU time of the reference's steps by method, and of an integrator of the reduced equation alone."""
-    from stiction.comparisons.timing.reduced_integrator import integrate, parameters
-
     engine, p = ReferenceEngine(), parameters(scene)
     true_end = slider_bar_truth(scene)(np.array([scene.t_end]))["slider.x"][0]
     methods: dict[str, dict[str, object]] = {name: {"rtol": RTOL, "stabilization": name} for name in STABILIZATIONS}
@@ -138,7 +137,7 @@ def _scale() -> Iterator[str]:
         def run(n: int) -> None:
             runs[n] = reference.simulate(scenes[n], t_end=t_end, rtol=RTOL, output_step=t_end / 10, event_values=False)
 
-        times = times_in_rounds({n: lambda n=n: run(n) for n in sizes})
+        times = in_rounds(sizes, lambda ns: {n: median(cpu for _, cpu in block(lambda: run(n))) for n in ns}, float)
         [power, _] = np.polyfit(np.log(sizes), np.log([median(times[n]) for n in sizes]), 1)
         yield f"\n{name}, {t_end:g} s: CPU grows with the power {power:.2f} of n"
         for n in sizes:

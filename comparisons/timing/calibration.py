@@ -1,30 +1,59 @@
-"""The calibration kernel: work of known size, timed together with a run so that a change of the machine's speed shows.
+"""The time that is kept of every night: a multiple of the calibration kernel's, so that the machine's speed cancels.
 
-It is the independent integrator of the reduced slider-bar (`stiction.comparisons.timing.reduced_integrator`): compiled
-arithmetic as in the reference, adaptive, with events, and nothing of the reference in it. It shows the clock and what
-disturbs all work alike. It does not show differences between processors beyond their speed: the ratio of the reference
-to the kernel was 4.1 on one and 5.7 on another, and for some runs 1.9 times as much. Nor does it show all of a
-neighbour that shares caches or the core: 1.46 times was seen. So no verdict rests on it, and no time is corrected by
-it; `stiction.comparisons.timing.older_code` has what a verdict can rest on.
+Both times are the shortest of their samples: whatever else runs on the machine makes a time longer, never shorter, and
+a night is compared with others on which something else ran. The other nights are also the repeats of a run that takes
+longer than `ONCE`.
+
+The kernel (`reduced_integrator.calibration_kernel`) shows the clock and what disturbs all work alike. It does not show
+differences between processors beyond their speed: the ratio of the reference to the kernel was 4.1 on one and 5.7 on
+another, and for some runs 1.9 times as much. Nor does it show all of a neighbour that shares caches or the core: 1.46
+times was seen. So no verdict rests on it, and no time is corrected by it; `stiction.comparisons.timing.older_code` has
+what a verdict can rest on.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
-from stiction.scenes import load_scene
+from stiction.comparisons.timing.reduced_integrator import calibration_kernel
+from stiction.comparisons.timing.rounds import block, in_rounds, seconds_of
 
-T_END, RTOL = 24.0, 1e-9
-"""Seconds and tolerance of the integration of case 1 that the kernel is."""
+TIME = "least cpu per calibration [-]"
+"""Name of the quantity: CPU time of one simulation over that of one integration of case 1 over 24 s at rtol 1e-9.
+
+Another kernel, or another way to make the number, needs another name, because times before and after do not compare."""
+SHARE = 0.5
+"""Time of the kernel before a call, relative to the call's: what disturbs both is then alike."""
+ONCE = 0.5
+"""CPU seconds; a longer run is made once a night."""
 
 
-@cache
-def calibration_kernel() -> Callable[[], Any]:
-    """Return the kernel, compiled or loaded from the cache on disk."""
-    from stiction.comparisons.timing.reduced_integrator import integrate, parameters
+def relative_time(call: Callable[[], Any], least: int) -> tuple[float, float | None]:
+    """Return the CPU time of a call over that of the kernel, timed in turns, each the shortest of its samples.
 
-    p = parameters(load_scene("slider-bar-case-1"))
-    integrate(p, T_END, RTOL)  # compiles
-    return lambda: integrate(p, T_END, RTOL)
+    Parameters
+    ----------
+    least
+        Rounds, for a call that takes less than `ONCE`.
+
+    Returns
+    -------
+    ratio : float
+    uncertainty : float or None
+        Difference of the second shortest call from the shortest, in kernels; None where there is only one.
+    """
+    kernel = calibration_kernel()
+    kernel_s = min(seconds for _, seconds in block(kernel))
+    first = seconds_of(call)[1]
+    count = max(1, round(SHARE * first / kernel_s))
+
+    def one_kernel() -> float:
+        return seconds_of(lambda: [kernel() for _ in range(count)])[1] / count
+
+    if first > ONCE:
+        return first / one_kernel(), None
+    calls = {"kernel": one_kernel, "run": lambda: min(seconds for _, seconds in block(call))}
+    found = in_rounds(list(calls), lambda keys: {key: calls[key]() for key in keys}, float, least)
+    least_s, shortest = min(found["kernel"]), sorted(found["run"])
+    return shortest[0] / least_s, None if len(shortest) == 1 else (shortest[1] - shortest[0]) / least_s

@@ -45,8 +45,7 @@ class Interval:
 
 
 def median_interval(samples: Sequence[float]) -> Interval:
-    """The median with the narrowest interval of `CONFIDENCE` between k-th smallest and k-th largest, else the
-    widest."""
+    """Return the median with the narrowest interval of `CONFIDENCE` by order statistics, else the widest."""
     n, ordered = len(samples), np.sort(np.asarray(samples, dtype=float))
     if n == 0 or not np.all(np.isfinite(ordered)):
         return Interval(*[float("nan")] * 3, 0.0, n)

@@ -36,7 +36,7 @@ def barred_chain(n: int) -> Scene:
 
 
 def closed_loop(n: int) -> Scene:
-    """The same on n guides that point away from one centre, the last slider joined to the first; n freedoms."""
+    """Barred chain on n guides that point away from one centre, the last slider joined to the first; n freedoms."""
     radius = 0.5 / sin(pi / n)
     directions = [(cos(2 * pi * k / n), sin(2 * pi * k / n)) for k in range(n)]
     guides = [((radius * x, radius * y), (x, y)) for x, y in directions]
@@ -59,7 +59,7 @@ def _copies(n: int) -> dict[str, Any]:
 
 
 def _numbered(value: Any, k: int, bodies: Iterable[str]) -> Any:
-    """An element with the numbers of its bodies added to their names."""
+    """Element with the numbers of its bodies added to their names."""
     if isinstance(value, dict):
         return {key: _numbered(item, k, bodies) for key, item in value.items()}
     if isinstance(value, list):

@@ -62,7 +62,7 @@ for line in sys.stdin:
 
 
 class ControlRefused(InputError):
-    """The code before cannot be run."""
+    """Code before that cannot be run."""
 
 
 def times_in_turns(runs: Sequence[PlannedRun], before: Path,
@@ -115,7 +115,7 @@ def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
 
 
 def _task(run: PlannedRun, stand_in: bool = False) -> list[Any]:
-    """A run with its start and end as its only output: what it costs is the motion, not the table of it."""
+    """Return a run with start and end as its only output: its cost is that of the motion, not of the table of it."""
     solver = load_engine(run.variant.engine)
     scene = physics_of(run.scene, solver.capabilities.static_coefficient.get(run.variant.fidelity, False))
     found = job(scene, run.variant, run.step, output_step=scene.t_end)
@@ -124,7 +124,7 @@ def _task(run: PlannedRun, stand_in: bool = False) -> list[Any]:
 
 
 class _Code:
-    """A process that runs the code of a checkout, or this code; it is started again where a run has to be given up."""
+    """Process that runs the code of a checkout, or this code, and is started again after a run that takes too long."""
 
     def __init__(self, folder: Path | None, tasks: Sequence[list[Any]], limit_s: float):
         self._folder, self._tasks, self._limit_s = folder, tasks, limit_s

@@ -5,21 +5,39 @@ It shows how fast an integrator can be that knows the reduced equation
 reference. Events are found by repeating the step with its length chosen by regula falsi on the event function, so that
 there is no dense output to pay for. Coefficients: Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I,
 Sect. II.5, as scipy has them.
+
+It is the calibration kernel, too: compiled arithmetic of known size as in the reference, adaptive, with events, and
+nothing of the reference in it.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numba import njit
 from scipy.integrate._ivp import dop853_coefficients as dop853
 
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
-from stiction.scenes import InputError, Scene
+from stiction.scenes import InputError, Scene, load_scene
 
 A, B, C = dop853.A[:12, :12].copy(), dop853.B.copy(), dop853.C[:12].copy()
 E3, E5 = dop853.E3.copy(), dop853.E5.copy()
 NOISE = 1e-13
 """Event functions, of the order of 1 to 10 (N, m/s), above minus this are not negative: rounding after their event."""
+
+CALIBRATION = 24.0, 1e-9
+"""Seconds and tolerance of the integration of case 1 that is the calibration kernel."""
+
+
+@cache
+def calibration_kernel() -> Callable[[], Any]:
+    """Return the kernel, compiled or loaded from the cache on disk."""
+    p = parameters(load_scene("slider-bar-case-1"))
+    integrate(p, *CALIBRATION)  # compiles
+    return lambda: integrate(p, *CALIBRATION)
 
 
 def parameters(scene: Scene) -> np.ndarray:
@@ -71,7 +89,7 @@ def _holds(p, t, x, s):
 
 @njit(cache=True, error_model="numpy")
 def _corners(p, t, x, v, s, event):
-    """The corner signs that agree best with the forces they lead to."""
+    """Return the corner signs that agree best with the forces they lead to."""
     best, b1, b2 = -np.inf, 1.0, 1.0
     for s1 in (1.0, -1.0):
         for s2 in (1.0, -1.0):
@@ -84,7 +102,7 @@ def _corners(p, t, x, v, s, event):
 
 @njit(cache=True, error_model="numpy")
 def _step(p, t, h, x, v, s, s1, s2, kx, kv, event):
-    """The new state, and whether an event function was negative at a stage; kx[0], kv[0] hold y'(t)."""
+    """Return the new state, and true if an event function was negative at a stage; kx[0], kv[0] hold y'(t)."""
     passed = False
     for i in range(1, 13):
         dx, dv = 0.0, 0.0

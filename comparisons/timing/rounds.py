@@ -1,4 +1,4 @@
-"""The measurement of time by `validate`, `compare`, every night, in checks and in the benchmark.
+"""Measurement of time by `validate`, `compare`, every night, in checks and in the benchmark.
 
 `Engine.run` is timed with start and end as its only output: its cost is that of the motion, not of the table of it, nor
 of the gate that the run has passed before. Times are CPU times of the process that does the work.
@@ -10,21 +10,25 @@ have equally many samples, slow ones and fast ones: as many rounds as required a
 all medians (`stiction.comparisons.timing.intervals`) are narrow, up to `MOST`, where a round takes no more than `ROUND`
 seconds.
 
-The calibration kernel (`stiction.comparisons.timing.calibration`) is timed in each visit before and after the run, and
+The calibration kernel (`reduced_integrator.calibration_kernel`) is timed in each visit before and after the run, and
 each round has the load by others. No time is corrected by either: they show how far it can be trusted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
 from time import process_time
 from typing import Any, TypeVar
 
-from stiction.comparisons.timing.calibration import calibration_kernel
-from stiction.comparisons.timing.disturbance import doubts
-from stiction.comparisons.timing.intervals import Interval, median_interval
+import numpy as np
+import psutil
+
+from stiction.comparisons.timing.intervals import CONFIDENCE, Interval, median_interval
+from stiction.comparisons.timing.reduced_integrator import calibration_kernel
 from stiction.engines.protocol import Engine
 from stiction.engines.registry import load_engine
 from stiction.scenes import Cost, Scene, Trajectory
@@ -44,20 +48,22 @@ ROUND = 20.0
 """CPU seconds of the runs of a round up to which there are rounds beyond those required: one minute at most."""
 KERNELS = 9
 """Times that the calibration kernel is run before and after a run."""
+WIDE = 0.25
+"""Width of an interval, in units of the median, from which on a time is called unsure."""
+BUSY = 0.25
+"""Cores kept busy by others from which on that is reported: a system that idles stays below a tenth of one."""
+SWING = 0.1
+"""Part of its median by which the calibration kernel's time may differ between rounds before that is reported."""
+SHORTEST = 0.5
+"""s; times of a system are counted in steps of 10 ms, one per core: a shorter load is not known."""
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Result of a visit: medians over its runs, CPU seconds.
+    """Result of a visit: medians over its `runs`, CPU seconds.
 
-    Attributes
-    ----------
-    setup_s, stepping_s, own_s : float
-        As in `stiction.scenes.Cost`: from the scene to something that can step, from the first step to the last, and of
-        that inside the engine's own calls.
-    kernel_s : float
-        One run of the calibration kernel, in the same visit.
-    runs : int
+    `setup_s`, `stepping_s` and `own_s` are those of `stiction.scenes.Cost`, `kernel_s` is that of the calibration
+    kernel in the same visit.
     """
 
     setup_s: float
@@ -80,8 +86,8 @@ def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Sample:
     kernels = [seconds_of(kernel)[1] for _ in range(KERNELS)]
     costs = [stated_cost(*each) for each in block(call, counted)]
     kernels += [seconds_of(kernel)[1] for _ in range(KERNELS)]
-    names = ("setup_s", "stepping_s", "own_s")
-    setup, stepping, own = (median(getattr(cost, name) for cost in costs) for name in names)
+    setup, stepping, own = (median(getattr(cost, name) for cost in costs)
+                            for name in ("setup_s", "stepping_s", "own_s"))
     return Sample(setup, stepping, own, median(kernels), len(costs))
 
 
@@ -171,17 +177,38 @@ def _another(samples: Sequence[Sequence[S]], seconds: Callable[[S], float], visi
     return length <= ROUND and any(median_interval(list(map(seconds, each))).width > NARROW for each in samples)
 
 
-def times_in_rounds(calls: Mapping[K, Callable[[], Any]], least: int = LEAST) -> dict[K, list[float]]:
-    """CPU seconds of calls in this process, one sample a round: the median of a `block`."""
-    def one_round(keys: Sequence[K]) -> dict[K, float]:
-        return {key: median(seconds for _, seconds in block(calls[key])) for key in keys}
+@dataclass(frozen=True)
+class Load:
+    """CPU seconds up to an instant `at` (s): of all processes of the machine, and of this one and its children."""
 
-    return in_rounds(list(calls), one_round, float, least)
+    at: float
+    busy_s: float
+    own_s: float
+
+
+def load() -> Load:
+    """Load up to now, time that a host took from a virtual machine included."""
+    times, own = psutil.cpu_times(), 0.0
+    # a guest's time is in the user's as well
+    idle = sum(getattr(times, name, 0.0) for name in ("idle", "iowait", "guest", "guest_nice"))
+    for process in (ours := psutil.Process(), *ours.children(recursive=True)):
+        with suppress(psutil.NoSuchProcess):  # it has just ended: its parent has its times
+            used = process.cpu_times()
+            own += sum(getattr(used, name, 0.0) for name in ("user", "system", "children_user", "children_system"))
+    return Load(time.monotonic(), sum(times) - idle, own)
+
+
+def others(before: Load, after: Load) -> float:
+    """Cores kept busy between two instants by other processes than this one and its children; nan below `SHORTEST`."""
+    wall = after.at - before.at
+    if wall < SHORTEST:
+        return float("nan")
+    return max(0.0, (after.busy_s - before.busy_s - after.own_s + before.own_s) / wall)
 
 
 @dataclass(frozen=True)
 class Timing:
-    """A run and what it costs.
+    """A run and its cost.
 
     Attributes
     ----------
@@ -207,4 +234,20 @@ class Timing:
     @property
     def note(self) -> str:
         """Reasons why the time is unsure; empty where it is not."""
-        return "; ".join(filter(None, [self.reason, *doubts(self.samples, self.others)]))
+        return "; ".join(filter(None, [self.reason, *self._doubts()]))
+
+    def _doubts(self) -> Iterator[str]:
+        if not self.samples:
+            return
+        found, count = self.interval("own_s"), len(self.samples)
+        if found.level < CONFIDENCE:
+            yield f"{count} rounds are too few for an interval" if count > 1 else "timed once"
+        elif found.width > WIDE:
+            low, high = found.low / found.value, found.high / found.value
+            yield f"unsure: {low:.2f} to {high:.2f} of the median after {count} rounds"
+        loads = np.array(self.others[:count], dtype=float)
+        if (busy := int(np.sum(loads > BUSY))):
+            yield f"others kept up to {np.nanmax(loads):.1f} cores busy in {busy} of {count} rounds"
+        kernel = np.array([sample.kernel_s for sample in self.samples])
+        if (swing := float(np.ptp(kernel) / np.median(kernel))) > SWING:
+            yield f"the machine's speed changed by {100 * swing:.0f} % between rounds"

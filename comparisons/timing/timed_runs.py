@@ -11,9 +11,8 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.digest import digest, scene_digest
-from stiction.comparisons.timing.disturbance import load, others
 from stiction.comparisons.timing.intervals import median_interval
-from stiction.comparisons.timing.rounds import Sample, Timing, in_rounds, visit
+from stiction.comparisons.timing.rounds import Sample, Timing, in_rounds, load, others, visit
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines.isolation import Isolate, Outcome, Task
 from stiction.scenes import Scene, Trajectory, vary
@@ -35,7 +34,7 @@ def computation(engine: str, scene: Scene, arguments: Mapping[str, Any], run: Tr
 
 
 def call_of(task: Task) -> str:
-    """Digest of what a task computes, whatever it is called: its function and all arguments, scenes by their content."""
+    """Digest of a task whatever its label: its function and all arguments, scenes by their content."""
     return digest([task.function.__module__, task.function.__qualname__, task.args])
 
 
@@ -91,7 +90,7 @@ def timed(task: Task, outcome: Outcome, times: Mapping[str, Timing], budget_s: f
 
 
 def with_cost(run: Trajectory, timing: Timing | None) -> Trajectory:
-    """A run with the medians of its timing as its cost; nan where it was not timed alone."""
+    """Return a run with the medians of its timing as its cost; nan where it was not timed alone."""
     samples = timing.samples if timing is not None else ()
     setup, stepping, own = (median(getattr(sample, name) for sample in samples) if samples else np.nan
                             for name in ("setup_s", "stepping_s", "own_s"))
@@ -113,7 +112,7 @@ def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:
 
 
 def machine_while_timing(samples: pd.DataFrame) -> dict[str, Any]:
-    """The machine over all rounds of `samples_table`, for the provenance; empty where nothing was timed.
+    """Describe the machine over all rounds of `samples_table`, for the provenance; empty where nothing was timed.
 
     The calibration kernel in ms, as median with interval, in the first round, in all, and in the last. All runs share
     the rounds, so that each round has one load by others: median and largest.

@@ -175,7 +175,7 @@ def baseline_update(reason: Annotated[str, typer.Option(metavar="TEXT", help="Wh
             rows, made = (history.rows(name), history.origin(name)) if name else ([], origin())
     else:
         with progress(f"baseline of {chosen.name}") as (on_start, on_result):
-            result = run_check(chosen.checked_whole if whole else chosen, old, on_start=on_start, on_result=on_result)
+            result = run_check(chosen, old, whole=whole, on_start=on_start, on_result=on_result)
         rows, made = result.rows, result.origin
     with progress(f"rounding of {chosen.name}") as (on_start, on_result):
         rows = measured_rounding(chosen, rows, on_start, on_result)

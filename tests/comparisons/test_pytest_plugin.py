@@ -20,7 +20,9 @@ def test_ball(stiction_scene):
 """
 TESTS = THREE_LINES + """
 def test_wrong(stiction_scene):
-    assert stiction_scene("ball.toml", "my_solver:MySolver", dt=1e-2, overrides={"gravity.1": -1.6}, wind=1.0)["position error [m]"] < 1e-9
+    moon = {"gravity.1": -1.6}
+    numbers = stiction_scene("ball.toml", "my_solver:MySolver", dt=1e-2, overrides=moon, wind=1.0)
+    assert numbers["position error [m]"] < 1e-9
 
 def test_crashed(stiction_scene):
     stiction_scene("ball.toml", "my_solver:MySolver", dt=1e-2, wind=2.0)
@@ -56,7 +58,8 @@ bodies.ball = {mass = 2, inertia = 1, velocity = [3, 4]}
 
 @pytest.mark.usefixtures("compiled")
 def test_three_lines(pytester, monkeypatch):
-    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # whether or not this checkout is the one that is installed
+    # whether or not this checkout is the one that is installed
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     pytester.makepyfile(TESTS)
     pytester.makepyfile(my_solver=SOLVER)
@@ -64,7 +67,9 @@ def test_three_lines(pytester, monkeypatch):
     result = pytester.runpytest_subprocess("-p", "stiction.comparisons.pytest_plugin")
     result.assert_outcomes(passed=1, failed=3)
     # a wind of 1 m/s^2 moves the ball by 0.5 m in a second
-    result.stdout.fnmatch_lines_random(["*FAILED*test_wrong - assert 0.* < 1e-09*", "*ball/my_solver:MySolver/dt=0.01: crashed: exit code 7*", "*InputError: dt, rtol: found None, None*"])
+    result.stdout.fnmatch_lines_random(["*FAILED*test_wrong - assert 0.* < 1e-09*",
+                                        "*ball/my_solver:MySolver/dt=0.01: crashed: exit code 7*",
+                                        "*InputError: dt, rtol: found None, None*"])
 
 
 def test_plugin_is_announced_and_imports_nothing_heavy():

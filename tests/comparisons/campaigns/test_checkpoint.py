@@ -47,7 +47,8 @@ def test_settled_outcomes_are_taken_over_and_others_run_again(tmp_path):
     (first, none), told = run(tmp_path / "out", tasks), []
     (second, two) = run(tmp_path / "out", tasks, on_result=lambda outcome: told.append(outcome.label))
     assert (none, two) == (0, 2) and (tmp_path / "calls").read_text() == "x"
-    assert [o.status for o in first] == [o.status for o in second] == ["ok", "failed", "crashed"] and second[:2] == first[:2]
+    assert [o.status for o in first] == [o.status for o in second] == ["ok", "failed", "crashed"]
+    assert second[:2] == first[:2]
     assert sorted(told) == ["crash", "fail", "note"]
 
 
@@ -92,8 +93,10 @@ def test_an_interrupt_leaves_the_rest_as_not_run(tmp_path):
             raise KeyboardInterrupt
 
     with kept_runs(tmp_path / "out", ENGINES) as runs:
-        outcomes = runs.isolate([Task("first", note, (str(tmp_path / "a"),)), Task("second", hang)], workers=1, timeout_s=600, on_result=interrupt)
-        assert [(o.status, o.reason) for o in outcomes] == [("ok", ""), ("not run", "interrupted")] and runs.interrupt is not None
+        outcomes = runs.isolate([Task("first", note, (str(tmp_path / "a"),)), Task("second", hang)], workers=1,
+                                timeout_s=600, on_result=interrupt)
+        assert [(o.status, o.reason) for o in outcomes] == [("ok", ""), ("not run", "interrupted")]
+        assert runs.interrupt is not None
         [later] = runs.isolate([Task("later", hang)], timeout_s=600)
         assert later.status == "not run"
     assert run(tmp_path / "out", [Task("first", note, (str(tmp_path / "a"),))])[1] == 1
@@ -124,7 +127,8 @@ def test_an_interrupt_that_was_dropped_ends_the_runs_at_the_next_outcome(tmp_pat
         return called_here(tasks, on_result=on_result)
 
     with kept_runs(tmp_path / "out", ENGINES) as runs:
-        assert [outcome.status for outcome in runs.isolate([FAIL, FAIL], timeout_s=600, made_by=made_by)] == ["failed", "not run"]
+        outcomes = runs.isolate([FAIL, FAIL], timeout_s=600, made_by=made_by)
+        assert [outcome.status for outcome in outcomes] == ["failed", "not run"]
 
 
 def test_an_interrupt_is_noted_where_nobody_reads_standard_error(tmp_path, monkeypatch):
@@ -140,7 +144,8 @@ def test_an_interrupt_is_noted_where_nobody_reads_standard_error(tmp_path, monke
             broken.close()
 
 
-@pytest.mark.parametrize(("same_signal_s", "second", "raised"), [(600.0, signal.SIGTERM, None), (600.0, signal.SIGINT, KeyboardInterrupt),
+@pytest.mark.parametrize(("same_signal_s", "second", "raised"),
+                         [(600.0, signal.SIGTERM, None), (600.0, signal.SIGINT, KeyboardInterrupt),
                                                                  (-1.0, signal.SIGTERM, Terminated)])
 def test_a_signal_that_comes_twice_at_once_is_one(same_signal_s, second, raised, interruptible, monkeypatch):
     monkeypatch.setattr(exit_codes, "SAME_SIGNAL_S", same_signal_s)
@@ -154,13 +159,23 @@ def test_a_signal_that_comes_twice_at_once_is_one(same_signal_s, second, raised,
     assert [type(interrupt) for interrupt in taken] == [Terminated]
 
 
+KILLED = """
+import sys
+sys.path[:0] = {path!r}
+from pathlib import Path
+from child_tasks import hang, note
+from stiction.comparisons.campaigns.checkpoint import kept_runs
+from stiction.engines import Task
+if __name__ == "__main__":
+    with kept_runs(Path({out!r}), ["reference"]) as runs:
+        tasks = [Task("note", note, ({calls!r},)), Task("hang", hang)]
+        runs.isolate(tasks, workers=1, timeout_s=600.0, on_result=lambda outcome: print(outcome.label, flush=True))
+"""
+
+
 def test_a_kill_leaves_what_was_done(tmp_path):
     script = tmp_path / "campaign.py"
-    script.write_text(f"import sys\nsys.path[:0] = {sys.path!r}\nfrom pathlib import Path\nfrom child_tasks import hang, note\n"
-                      "from stiction.comparisons.campaigns.checkpoint import kept_runs\nfrom stiction.engines import Task\nif __name__ == '__main__':\n"
-                      f"    with kept_runs(Path({str(tmp_path / 'out')!r}), {ENGINES}) as runs:\n"
-                      f"        runs.isolate([Task('note', note, ({str(tmp_path / 'calls')!r},)), Task('hang', hang)], workers=1, timeout_s=600.0, "
-                      "on_result=lambda outcome: print(outcome.label, flush=True))\n")
+    script.write_text(KILLED.format(path=sys.path, out=str(tmp_path / "out"), calls=str(tmp_path / "calls")))
     campaign = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True)
     assert campaign.stdout.readline() == "note\n"
     campaign.send_signal(signal.SIGKILL)
@@ -190,7 +205,7 @@ def test_a_file_that_is_no_database_is_named(tmp_path):
 
 
 def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible, in_this_process, short_validation):
-    """The whole command: SIGTERM after five runs, then the same call again, and an interrupt while its report is written."""
+    """SIGTERM after five runs of the command, then the same call, and an interrupt while its report is written."""
     monkeypatch.chdir(tmp_path)
     short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) for variant in all_variants([], Depth.QUICK)
                            if variant.label in ("reference", "paper's scheme")))
@@ -210,11 +225,14 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible,
         patch.setattr(executors, "isolate", isolate)
         cut = CliRunner().invoke(app, command)
     assert cut.exit_code == TERMINATED, cut.output
-    assert "the report of what is done follows" in cut.stderr and "ended by SIGTERM: the report has what was done until then" in cut.stderr
+    assert "the report of what is done follows" in cut.stderr
+    assert "ended by SIGTERM: the report has what was done until then" in cut.stderr
     assert "the same command with --out report goes on" in cut.output and kept_file(Path("report")).exists()
-    assert "It was interrupted" in Path("report/report.md").read_text() and "0/0/0/0" not in Path("report/report.md").read_text()
+    assert "It was interrupted" in Path("report/report.md").read_text()
+    assert "0/0/0/0" not in Path("report/report.md").read_text()
     rows = pd.read_csv("report/data/runs.csv")
-    assert set(rows["status"]) == {"ok", "not run"} and set(rows.loc[rows["status"] == "not run", "reason"]) == {"interrupted"}
+    assert set(rows["status"]) == {"ok", "not run"}
+    assert set(rows.loc[rows["status"] == "not run", "reason"]) == {"interrupted"}
     with closing(sqlite3.connect(kept_file(Path("report")))) as database:
         assert database.execute("SELECT count(*) FROM outcomes").fetchone() == (5,)
 
@@ -224,9 +242,11 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible,
 
     monkeypatch.setattr("stiction.reports.write_report", write)
     ended = CliRunner().invoke(app, command)
-    assert "5 runs were taken over from an earlier call" in ended.output and ended.exit_code == INTERRUPTED, ended.output
+    assert "5 runs were taken over from an earlier call" in ended.output, ended.output
+    assert ended.exit_code == INTERRUPTED, ended.output
     assert set(pd.read_csv("report/data/runs.csv")["status"]) == {"ok"} and kept_file(Path("report")).exists()
-    assert "runs taken over" in Path("report/report.md").read_text() and "It was interrupted" not in Path("report/report.md").read_text()
+    assert "runs taken over" in Path("report/report.md").read_text()
+    assert "It was interrupted" not in Path("report/report.md").read_text()
 
 
 CUT = """
@@ -252,7 +272,8 @@ if __name__ == "__main__":
         return whole(tasks, on_result=stopped, **options)
 
     patch = MonkeyPatch()
-    shorten_validation(patch, tuple(replace(variant, ladder=variant.ladder[:1]) for variant in variants([], Depth.QUICK) if variant.label == "reference"))
+    shorten_validation(patch, tuple(replace(variant, ladder=variant.ladder[:1])
+                                    for variant in variants([], Depth.QUICK) if variant.label == "reference"))
     patch.setattr(executors, "isolate", isolate)
     patch.setattr(exit_codes, "SAME_SIGNAL_S", 600.0)
     app.main()
@@ -263,7 +284,8 @@ if __name__ == "__main__":
 def test_a_time_limit_on_the_whole_group_leaves_a_report(tmp_path, compiled):
     """As GNU timeout ends a command: SIGTERM, and once more, with all that it has started."""
     (tmp_path / "cut.py").write_text(CUT.format(path=sys.path))
-    command = subprocess.Popen([sys.executable, "cut.py", "validate", "--quick", "--engines", "reference", "--out", "report"], cwd=tmp_path, text=True,
+    command = subprocess.Popen([sys.executable, "cut.py", "validate", "--quick", "--engines", "reference", "--out",
+                                "report"], cwd=tmp_path, text=True,
                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
     assert any(line == "a run is done\n" for line in command.stdout)
     os.killpg(command.pid, signal.SIGTERM)

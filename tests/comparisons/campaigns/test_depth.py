@@ -1,4 +1,4 @@
-"""Depths of the main job: each has all of the one before, the default leaves no variant and no comparison out, and what is done is told at once."""
+"""Depths of the main job: each has all of the one before; finished studies are reported at once."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.cli.render import duration
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
-from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.comparison import Comparison, records_comparison
 from stiction.comparisons.campaigns.participants import cost_variants, extent, threshold_variants, variants
-from stiction.comparisons.campaigns.single_scene import records_comparison
 from stiction.comparisons.campaigns.validation import _Watch, union
 from stiction.comparisons.depth import Depth, down_to
 from stiction.comparisons.hard import hard_cases
@@ -26,21 +25,25 @@ from stiction.comparisons.variants import COMMON_STEP, job
 from stiction.engines import Outcome, Task
 from stiction.scenes import load_scene
 
-EXTENT = 'limit = 1\nbracket = 1e-3\nrepeats = 1\nladder = 1\nsensitivity = false\nequal_error = false\nsettings = false\ntrajectories = "all"\n'
+EXTENT = ('limit = 1\nbracket = 1e-3\nrepeats = 1\nladder = 1\nsensitivity = false\nequal_error = false\n'
+          'settings = false\ntrajectories = "all"\n')
 
 
 @pytest.mark.parametrize("ways", [variants, cost_variants, threshold_variants])
 def test_each_depth_has_the_rungs_of_the_one_before(ways):
-    quick, default, full = ({(variant.label, rung) for variant in ways(None, depth) for rung in variant.ladder} for depth in Depth)
+    quick, default, full = ({(variant.label, rung) for variant in ways(None, depth) for rung in variant.ladder}
+                            for depth in Depth)
     assert quick < default < full
 
 
 def test_methods_side_by_side_are_sampled_alike_at_every_depth():
-    """The jumps of page one were read off samples every 2 ms by default and every 10 ms in full, where 1 ms is not the finest rung: 0.19 and 0.93 N m for one run."""
+    """The jumps of page one were read off samples every 2 ms by default and every 10 ms in full: 0.19 and 0.93 N m."""
     scene = load_scene("slider-bar-case-1")
     for depth in (Depth.DEFAULT, Depth.FULL):
-        there = [variant for variant in variants(None, depth) if COMMON_STEP in variant.ladder and variant.parameter == "dt"]
-        assert len(there) > 5 and {job(scene, variant, COMMON_STEP).arguments["output_step"] for variant in there} == {0.002}
+        there = [variant for variant in variants(None, depth) if COMMON_STEP in variant.ladder
+                 and variant.parameter == "dt"]
+        assert len(there) > 5
+        assert {job(scene, variant, COMMON_STEP).arguments["output_step"] for variant in there} == {0.002}
 
 
 @pytest.mark.parametrize("depth", [Depth.DEFAULT, Depth.FULL])
@@ -48,30 +51,36 @@ def test_a_step_of_the_cost_ladder_that_is_compared_too_is_run_once(depth):
     """Asked for with the same output and end: they were made twice, PyBullet's contacts alone for 8 s."""
     scene = load_scene("slider-bar-case-1")
     compared = {task.label: task for task in records_comparison([scene], variants(None, depth)).tasks}
-    timed = {task.label.removeprefix("timed/"): task for task in work_precision(scene, cost_variants(None, depth)).tasks}
+    timed = {task.label.removeprefix("timed/"): task
+             for task in work_precision(scene, cost_variants(None, depth)).tasks}
     shared = [(compared[key], timed[key]) for key in compared.keys() & timed.keys()]
-    alike = [pair for pair in shared if len({task.args[2]["output_step"] for task in pair}) == 1]  # the finest of one ladder need not be that of the other
+    # the finest of one ladder need not be that of the other
+    alike = [pair for pair in shared if len({task.args[2]["output_step"] for task in pair}) == 1]
     assert len(alike) > 20 and all(call_of(one) == call_of(other) for one, other in alike)
 
 
 def test_each_depth_has_the_hard_cases_of_the_one_before():
     quick, default, full = ({case.name for case in hard_cases(depth)} for depth in Depth)
     assert quick < default < full
-    assert all(one.reaches(other) == (list(Depth).index(one) >= list(Depth).index(other)) for one in Depth for other in Depth)
+    assert all(one.reaches(other) == (list(Depth).index(one) >= list(Depth).index(other)) for one in Depth
+               for other in Depth)
 
 
 def test_the_default_leaves_out_rungs_and_no_variant():
     for ways in (variants, threshold_variants):
-        assert [variant.label for variant in ways(None, Depth.DEFAULT)] == [variant.label for variant in ways(None, Depth.FULL)]
+        default, full = ([variant.label for variant in ways(None, depth)] for depth in (Depth.DEFAULT, Depth.FULL))
+        assert default == full
     left_out = {variant.label: variant.parameter for variant in cost_variants()}
     for variant in cost_variants(None, Depth.DEFAULT):
         del left_out[variant.label]
     assert set(left_out.values()) == {"iterations"}
-    for variant in threshold_variants(None, Depth.DEFAULT):  # the change from the coarser step is part of the uncertainty
+    # the change from the coarser step is part of the uncertainty
+    for variant in threshold_variants(None, Depth.DEFAULT):
         assert len(variant.ladder) > 1 or variant.parameter == "rtol", variant.label
 
 
-@given(st.lists(st.floats(1e-12, 1e3), min_size=1, unique=True), st.floats(1e-12, 1e3), st.sampled_from(("dt", "rtol", "iterations")))
+@given(st.lists(st.floats(1e-12, 1e3), min_size=1, unique=True), st.floats(1e-12, 1e3),
+       st.sampled_from(("dt", "rtol", "iterations")))
 def test_rungs_down_to_the_finest(rungs, finest, parameter):
     ladder = tuple(sorted(rungs, reverse=parameter != "iterations"))
     found = down_to(ladder, parameter, {parameter: finest})
@@ -82,10 +91,12 @@ def test_rungs_down_to_the_finest(rungs, finest, parameter):
 
 @pytest.mark.parametrize(("text", "words"), [
     ("[depths.deep]\n" + EXTENT, "deep"), ("[depths.quick]\n" + EXTENT + "longest = 1\n", "unknown key"),
-    ("[depths.quick]\n" + EXTENT.replace("limit = 1", "limit = 0"), "limit: found 0"), ("[depths.quick]\n" + EXTENT + "runs = { dt = -1 }\n", "runs.dt: found -1"),
+    ("[depths.quick]\n" + EXTENT.replace("limit = 1", "limit = 0"), "limit: found 0"),
+    ("[depths.quick]\n" + EXTENT + "runs = { dt = -1 }\n", "runs.dt: found -1"),
     ("[depths.quick]\n" + EXTENT.replace("all", "some"), "trajectories: found 'some'")])
 def test_bad_depths(tmp_path, text, words):
-    (tmp_path / "campaign.toml").write_text(f'scenes = ["pendulum"]\n[variants.mine]\nengine = "reference"\ndt = [1e-2]\n{text}')
+    (tmp_path / "campaign.toml").write_text(
+        f'scenes = ["pendulum"]\n[variants.mine]\nengine = "reference"\ndt = [1e-2]\n{text}')
     with pytest.raises(CampaignError, match=words):
         load_campaign(tmp_path / "campaign.toml")
 
@@ -96,27 +107,34 @@ def test_one_depth_at_a_time():
 
 
 def test_every_depth_says_all_that_it_runs():
-    assert {extent(depth).trajectories for depth in Depth} == {"drawn", "all"} and all((extent(Depth.FULL).sensitivity, extent(Depth.FULL).equal_error, extent(Depth.FULL).settings))
+    assert {extent(depth).trajectories for depth in Depth} == {"drawn", "all"}
+    assert all((extent(Depth.FULL).sensitivity, extent(Depth.FULL).equal_error, extent(Depth.FULL).settings))
     assert extent(Depth.QUICK).bracket > extent(Depth.DEFAULT).bracket > extent(Depth.FULL).bracket
 
 
 def plan():
     """Three studies; the last is timed."""
     def comparison(name, *labels, rounds=0):
-        return Comparison(tuple(Task(label, len) for label in labels), lambda outcomes: Tables({name: pd.DataFrame({"label": [o.label for o in outcomes]})}), rounds=rounds)
+        return Comparison(tuple(Task(label, len) for label in labels),
+                          lambda outcomes: Tables({name: pd.DataFrame({"label": [o.label for o in outcomes]})}),
+                          rounds=rounds)
 
-    made = {"accuracy": comparison("accuracy", "run 1", "run 2"), "hard": comparison("hard", "case"), "cost": comparison("cost", "timed/run 1", rounds=1)}
+    made = {"accuracy": comparison("accuracy", "run 1", "run 2"), "hard": comparison("hard", "case"),
+            "cost": comparison("cost", "timed/run 1", rounds=1)}
     return {Study(name, name, name, 1, lambda results: Presentation()): each for name, each in made.items()}
 
 
 @pytest.mark.parametrize("order", [["run 2", "case", "run 1"], ["case", "run 1", "run 2"]])
 def test_a_study_is_told_with_the_last_of_its_runs(order):
     shares, told = [], []
-    watch = _Watch(plan(), shares.append, lambda study, so_far: told.append((study.name, list(so_far.table(study.name)["label"]), len(shares))), union)
+    watch = _Watch(plan(), shares.append,
+                   lambda study, so_far: told.append((study.name, list(so_far.table(study.name)["label"]),
+                                                      len(shares))), union)
     watch.start(4)
     for label in (*order, "timed/run 1"):
         watch.result(Outcome(label, "ok"))
-    assert sorted(told) == [("accuracy", ["run 1", "run 2"], 1 + max(order.index("run 1"), order.index("run 2"))), ("hard", ["case"], 1 + order.index("case"))]
+    assert sorted(told) == [("accuracy", ["run 1", "run 2"], 1 + max(order.index("run 1"), order.index("run 2"))),
+                            ("hard", ["case"], 1 + order.index("case"))]
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1)
 
 

@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,14 +22,16 @@ from stiction.comparisons.campaigns.history import HistoryRefused, open_history
 from stiction.comparisons.campaigns.measurement import Metric, Row
 from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.environment import origin
-from stiction.comparisons.timing.nightly_time import TIME
+from stiction.comparisons.timing.calibration import TIME
 from stiction.cli.app import app
 from stiction.cli.exit_codes import COULD_NOT_RUN, NOT_COMPARED
 
 ROOT = Path(__file__).parents[3]
-FALL = Row("ball/falling/dt=0.1", "free, joint, dt = 0.1; scene 1", "ball", "falling", "free", "1.0", "joint", "dt", 0.1, "ok", "", {"step": 0.1},
+FALL = Row("ball/falling/dt=0.1", "free, joint, dt = 0.1; scene 1", "ball", "falling", "free", "1.0", "joint", "dt",
+           0.1, "ok", "", {"step": 0.1},
            (Metric("position error [m]", "accuracy", 1e-3, 1e-9, "closed form"), Metric(TIME, "time", 2.5, 0.1)))
-LOST = Row("ball/lost/dt=0.1", "gone, joint, dt = 0.1; scene 1", "ball", "lost", "gone", None, "joint", "dt", 0.1, "crashed", "SIGSEGV")
+LOST = Row("ball/lost/dt=0.1", "gone, joint, dt = 0.1; scene 1", "ball", "lost", "gone", None, "joint", "dt", 0.1,
+           "crashed", "SIGSEGV")
 
 
 @pytest.fixture
@@ -107,7 +110,8 @@ def test_first_night_of_a_run(file):
     """The first finished one in which it came out, whatever its name then."""
     with open_history(file) as history:
         nights = []
-        for key, row, finished in (("a", replace(FALL, status="crashed", metrics=()), True), ("b", FALL, False), ("c", replace(FALL, key="ball/other/dt=0.1"), True),
+        for key, row, finished in (("a", replace(FALL, status="crashed", metrics=()), True), ("b", FALL, False),
+                                   ("c", replace(FALL, key="ball/other/dt=0.1"), True),
                                    ("d", FALL, True), ("e", FALL, True)):
             nights.append(history.begin("c", key, origin()))
             history.append(nights[-1], row)
@@ -118,7 +122,8 @@ def test_first_night_of_a_run(file):
         assert history.first(FALL.identity, nights[2]) is None and history.first("another", nights[4]) is None
 
 
-@pytest.mark.parametrize("content", [b"", b"not a database at all, but long enough to be taken for one" * 20], ids=["empty", "text"])
+@pytest.mark.parametrize("content", [b"", b"not a database at all, but long enough to be taken for one" * 20],
+                         ids=["empty", "text"])
 def test_something_else_is_refused(file, content):
     file.write_bytes(content)
     with pytest.raises(HistoryRefused, match="expected a history"), open_history(file, write=False):
@@ -126,16 +131,12 @@ def test_something_else_is_refused(file, content):
     assert file.read_bytes() == content
 
 
-def test_history_of_another_format_is_refused(file):
-    with sqlite3.connect(file) as connection:
+def test_history_of_another_format_and_a_folder_are_refused(file, tmp_path):
+    with closing(sqlite3.connect(file)) as connection:
         connection.executescript("CREATE TABLE nights (night TEXT); PRAGMA user_version = 99;")
-    connection.close()
     with pytest.raises(HistoryRefused, match="format 99"), open_history(file):
         pass
-
-
-def test_a_folder_is_no_history(tmp_path):
-    with pytest.raises(HistoryRefused, match="found a folder; expected the file of a history"), open_history(tmp_path, write=False):
+    with pytest.raises(HistoryRefused, match="found a folder"), open_history(tmp_path, write=False):
         pass
 
 
@@ -164,39 +165,42 @@ settings = {{ method = "paper" }}
 
 def contents(folder: Path) -> pd.DataFrame:
     """What another process reads at this moment; nothing before the night began."""
+    nothing = pd.DataFrame(columns=["key", "metric", "value"])
     if not (folder / HISTORY).exists():
-        return pd.DataFrame(columns=["key", "metric", "value"])
-    connection = sqlite3.connect(folder / HISTORY, timeout=30)
-    try:
+        return nothing
+    with closing(sqlite3.connect(folder / HISTORY, timeout=30)) as connection:
         assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-        return pd.read_sql("SELECT key, metric, value FROM history", connection)
-    except pd.errors.DatabaseError:  # made, but without its tables yet
-        return pd.DataFrame(columns=["key", "metric", "value"])
-    finally:
-        connection.close()
+        try:
+            return pd.read_sql("SELECT key, metric, value FROM history", connection)
+        except pd.errors.DatabaseError:  # made, but without its tables yet
+            return nothing
 
 
 def kill_at_random_moments(folder: Path, kills: int, seed: int) -> list[str]:
-    """Kill the whole process group of a night, again and again, and look at the history each time; returns the command of the night."""
+    """Kill the process group of a night again and again, look at the history each time, and return the command."""
     chance = random.Random(seed)
     (folder / "sleeper.py").write_text(SLEEPER)
     (folder / "campaign.toml").write_text(CAMPAIGN)
     (folder / "baseline.toml").write_text("format = 2\n")
-    command = [sys.executable, "-m", "stiction", "nightly", "campaign.toml", "--baseline", "baseline.toml", "--out", "out"]
+    command = [sys.executable, "-m", "stiction", "nightly", "campaign.toml", "--baseline", "baseline.toml", "--out",
+               "out"]
     environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{folder}"}
     seen = contents(folder / "out")
     for kill in range(kills):
-        night = subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True, stdout=subprocess.DEVNULL)
+        night = subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True,
+                                 stdout=subprocess.DEVNULL)
         before, deadline = len(seen), time.monotonic() + 600
-        # every third anywhere from the start on, the others after the first new row, when rows come every few hundredths of a second
-        while kill % 3 and len(contents(folder / "out")) == before and night.poll() is None and time.monotonic() < deadline:
+        # every third anywhere from the start on, the others after the first new row, when rows come fast
+        while (kill % 3 and len(contents(folder / "out")) == before and night.poll() is None
+               and time.monotonic() < deadline):
             time.sleep(0.01)
         time.sleep(chance.uniform(0.0, 0.2 if kill % 3 else 3.0))
         os.killpg(night.pid, signal.SIGKILL)
         night.wait()
         found = contents(folder / "out")
         assert not found.duplicated(["key", "metric"]).any()
-        assert found.groupby("key").size().drop("block-on-incline/truth", errors="ignore").nunique() <= 1  # no run with a part of its numbers
+        # no run with a part of its numbers
+        assert found.groupby("key").size().drop("block-on-incline/truth", errors="ignore").nunique() <= 1
         kept = seen.merge(found, on=["key", "metric"], how="left", suffixes=("", " now"))
         assert (kept["value"] == kept["value now"]).all()  # what was there is there
         seen = found
@@ -204,9 +208,8 @@ def kill_at_random_moments(folder: Path, kills: int, seed: int) -> list[str]:
     assert ended.returncode == NOT_COMPARED, ended.stderr
     whole = contents(folder / "out")
     assert len(whole["key"].unique()) == RUNGS + 1 and not whole.duplicated(["key", "metric"]).any()
-    connection = sqlite3.connect(folder / "out" / HISTORY)
-    assert connection.execute("SELECT count(*), count(finished) FROM nights").fetchone() == (1, 1)  # one night, resumed
-    connection.close()
+    with closing(sqlite3.connect(folder / "out" / HISTORY)) as connection:  # one night, resumed
+        assert connection.execute("SELECT count(*), count(finished) FROM nights").fetchone() == (1, 1)
     return command
 
 
@@ -225,12 +228,14 @@ def test_killed_again_and_again(tmp_path, seed):
     uninterrupted = subprocess.run([*command[:-1], "again"], cwd=tmp_path, capture_output=True, text=True, timeout=600,
                                    env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"})
     assert uninterrupted.returncode == NOT_COMPARED, uninterrupted.stderr
-    both = contents(tmp_path / "out").merge(contents(tmp_path / "again"), on=["key", "metric"], how="outer", suffixes=("", " again"))
+    both = contents(tmp_path / "out").merge(contents(tmp_path / "again"), on=["key", "metric"], how="outer",
+                                            suffixes=("", " again"))
     assert (both["value"] == both["value again"]).all()
 
 
 def test_two_nights_at_once_are_refused(tmp_path):
     (tmp_path / "baseline.toml").write_text("format = 2\n")
     with FileLock(tmp_path / f".{HISTORY}.lock"):
-        ended = CliRunner().invoke(app, ["nightly", "--baseline", str(tmp_path / "baseline.toml"), "--out", str(tmp_path)])
+        ended = CliRunner().invoke(app, ["nightly", "--baseline", str(tmp_path / "baseline.toml"), "--out",
+                                         str(tmp_path)])
     assert ended.exit_code == COULD_NOT_RUN and "another night is being written" in ended.stderr

@@ -1,5 +1,6 @@
-"""Random scenes of a night: runs in its history and its budget, right or wrong without a baseline; and the command line of such studies."""
+"""Random scenes of a night: in its history and its budget, judged without a baseline; the commands of such studies."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,7 @@ from typer.testing import CliRunner
 
 from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, updated
 from stiction.comparisons.campaigns.history import open_history
-from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, Measured
+from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, row_of
 from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.campaigns.regression import COULD_NOT_RUN, REGRESSION, findings
 from stiction.comparisons.environment import origin
@@ -21,6 +22,7 @@ from stiction.cli.app import app
 from stiction.cli.exit_codes import COULD_NOT_RUN as COULD_NOT_RUN_CODE
 from stiction.cli.exit_codes import NOT_COMPARED, REGRESSED
 
+DRAW = Draw("slider-bars", 7, 0, 2)
 CAMPAIGN = """
 scenes = ["block-on-incline"]
 measure = ["counter"]
@@ -58,8 +60,10 @@ def test_draws_are_in_the_history_with_their_seed(night):
         assert sum(metric.value for metric in row.metrics) == looks * draw.count * len(study.rtols)
         assert {metric.kind for metric in row.metrics} == {RANDOM}
         assert f"Seed {draw.seed}, {draw.count} {draw.what} of at most {study.t_end:g} s" in report
-        found = {metric.name.removesuffix(" [-]"): int(metric.value) for metric in row.metrics if metric.value}  # the night's seed decides which
-        assert found.keys() <= study.outcomes.keys() - set(study.failing) and all(f"{count} {outcome}" in report for outcome, count in found.items())
+        # the night's seed decides which
+        found = {metric.name.removesuffix(" [-]"): int(metric.value) for metric in row.metrics if metric.value}
+        assert found.keys() <= study.outcomes.keys() - set(study.failing)
+        assert all(f"{count} {outcome}" in report for outcome, count in found.items())
 
 
 @pytest.mark.parametrize("module", [random_slider_bars, resting_mechanisms])
@@ -71,7 +75,8 @@ def test_what_is_silently_wrong_is_a_regression_with_the_command_that_repeats_it
     monkeypatch.setattr(module, "judge", wrong)
     ended = night()
     assert ended.exit_code == REGRESSED, ended.output
-    [row] = [row for row in rows()[1] if row.settings["what"] == {random_slider_bars: "slider-bars", resting_mechanisms: "mechanisms"}[module]]
+    what = {random_slider_bars: "slider-bars", resting_mechanisms: "mechanisms"}[module]
+    [row] = [row for row in rows()[1] if row.settings["what"] == what]
     assert row.status == WRONG and "event 3: truth stick, run slip; this scene" in ended.output
     assert f"python -m {module.__name__} --seed {row.settings['seed']} --first 0 --count 1" in row.reason
 
@@ -90,7 +95,8 @@ def test_seed_is_the_nights_own_and_batches_are_of_one_stream():
     counts = {"slider-bars": 2 * batch + 3, "mechanisms": BATCH["mechanisms"] + 1}
     first, again, other = (draws_of_night(name, counts) for name in ("2026-01-01", "2026-01-01", "2026-01-02"))
     assert first == again and len({draw.seed for draw in first}) == 1 and first[0].seed != other[0].seed
-    assert [(draw.first, draw.count) for draw in first] == [(0, batch), (batch, batch), (2 * batch, 3), (0, BATCH["mechanisms"]), (BATCH["mechanisms"], 1)]
+    assert [(draw.first, draw.count) for draw in first] == [(0, batch), (batch, batch), (2 * batch, 3),
+                                                            (0, BATCH["mechanisms"]), (BATCH["mechanisms"], 1)]
     assert len({draw.key for draw in first}) == len(first)
     whole = list(draws(2 * batch + 3, first[0].seed))
     assert [parameters for draw in first[:3] for parameters in draws(draw.count, draw.seed, draw.first)] == whole
@@ -98,10 +104,12 @@ def test_seed_is_the_nights_own_and_batches_are_of_one_stream():
 
 
 @pytest.mark.parametrize(("outcome", "severity"), [
-    (Outcome("", "timed out", reason="no result within 1 s"), COULD_NOT_RUN), (Outcome("", "failed", reason="ValueError: x"), COULD_NOT_RUN),
-    (Outcome("", "ok", Measured("1", WRONG, "silently wrong: ..")), REGRESSION), (Outcome("", "ok", Measured("1")), None)])
+    (Outcome("", "timed out", reason="no result within 1 s"), COULD_NOT_RUN),
+    (Outcome("", "failed", reason="ValueError: x"), COULD_NOT_RUN),
+    (Outcome("", "ok", replace(DRAW.row, status=WRONG, reason="silently wrong: ..")), REGRESSION),
+    (Outcome("", "ok", replace(DRAW.row, status="ok")), None)])
 def test_findings_need_no_baseline(outcome, severity):
-    row = Draw("slider-bars", 7, 0, 2).row(outcome)
+    row = row_of(DRAW, outcome)
     found = findings([row], Baseline(format=FORMAT), (), {}, "")
     assert [finding.severity for finding in found] == ([] if severity is None else [severity])
     assert all("seed 7" in finding.reason for finding in found)
@@ -109,21 +117,24 @@ def test_findings_need_no_baseline(outcome, severity):
 
 
 def test_no_baseline_holds_a_draw():
-    row = Draw("slider-bars", 7, 0, 2).row(Outcome("", "ok", Measured("1")))
+    row = replace(DRAW.row, status="ok")
     assert updated(Baseline(format=FORMAT), [row], "why", origin(), {row.key}).runs == {}
 
 
 def by_parity(seed, i, rtols):
-    return [[Verdict("even" if (seed + i) % 2 == 0 else "odd", "" if (seed + i) % 2 == 0 else f"{seed + i} is odd", float(i), f"scene {i}")] for _ in rtols]
+    return [[Verdict("even" if (seed + i) % 2 == 0 else "odd", "" if (seed + i) % 2 == 0 else f"{seed + i} is odd",
+                     float(i), f"scene {i}")] for _ in rtols]
 
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_command_line_of_a_study(capsys, processes):
-    study = Study("tests.none", by_parity, {"even": "good", "odd": "bad", "neither": "impossible"}, ("odd",), "index [-]", (1e-6, 1e-9), 2.0)
+    study = Study("tests.none", by_parity, {"even": "good", "odd": "bad", "neither": "impossible"}, ("odd",),
+                  "index [-]", (1e-6, 1e-9), 2.0)
     code = study.main("Parity.", ["--count", "6", "--seed", "3", "--first", "1", "--processes", str(processes)])
     said = capsys.readouterr().out
     assert code == 1 and said.startswith("seed 3\n")
-    assert said.count("is odd; scene") == 2 * 3 and "rtol 1e-06: odd: 5 is odd; scene 2" in said and "6 scenes, rtol" in said
+    assert said.count("is odd; scene") == 2 * 3 and "rtol 1e-06: odd: 5 is odd; scene 2" in said
+    assert "6 scenes, rtol" in said
     for line in (["odd", "3", "0.5", "6.0"], ["even", "3", "0.5", "5.0"], ["neither", "0", "0.0", "NaN"]):
         assert line in [line.split() for line in said.splitlines()]
     assert study.main("Parity.", ["--count", "1", "--seed", "4"]) == 0
@@ -135,5 +146,6 @@ def test_studies_of_the_suite(module, capsys, compiled):
     assert module.STUDY.main("", ["--count", "1", "--seed", "0", "--processes", "1", "--rtol", "1e-9"]) == 0
     said = capsys.readouterr().out
     best = next(iter(module.STUDY.outcomes))
-    [number] = [int(line.split()[1]) for line in said.splitlines() if line.split()[:1] == [best] and line.split()[1:2] and line.split()[1].isdigit()]
+    [number] = [int(line.split()[1]) for line in said.splitlines() if line.split()[:1] == [best] and line.split()[1:2]
+                and line.split()[1].isdigit()]
     assert number >= 1

@@ -1,4 +1,4 @@
-"""Who takes part is data: an engine that another package announces gets the same ladders and tables as the suite's own."""
+"""Participants are data: an engine of another package has the same steps and tables as the suite's own."""
 
 from pathlib import Path
 
@@ -8,7 +8,8 @@ from typer.testing import CliRunner
 from stiction import comparisons
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.comparison import Comparison, make, prepare
-from stiction.comparisons.campaigns.participants import cost_variants, participants, threshold_variants, validation_campaign, variants
+from stiction.comparisons.campaigns.participants import (cost_variants, participants, threshold_variants,
+                                                         validation_campaign, variants)
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard.table import hard_variants
 from stiction.comparisons.studies.effects import effects_variants
@@ -64,7 +65,8 @@ def plugged(tmp_path, monkeypatch):
 
 
 def ladders(found, engine):
-    return {variant.fidelity: (variant.parameter, variant.ladder) for variant in found if variant.engine == engine and variant.parameter == "dt"}
+    return {variant.fidelity: (variant.parameter, variant.ladder) for variant in found if variant.engine == engine
+            and variant.parameter == "dt"}
 
 
 @pytest.mark.parametrize("ways", [variants, cost_variants, threshold_variants])
@@ -72,7 +74,8 @@ def ladders(found, engine):
 def test_plugged_in_engine_has_the_ladders_of_ours_at_each_fidelity(plugged, ways, depth):
     found = ways(None, depth)
     assert {variant.engine for variant in found} == OWN | {plugged}
-    assert set(ladders(found, plugged)) == set(load_engine(plugged).capabilities.fidelities) == set(ladders(found, "pymunk"))
+    fidelities = set(load_engine(plugged).capabilities.fidelities)
+    assert set(ladders(found, plugged)) == fidelities == set(ladders(found, "pymunk"))
     assert ladders(found, plugged)["joint"] == ladders(found, "pymunk")["joint"]
     assert [variant.engine for variant in ways([], depth)] == ["reference"] * len(ways([], depth))
     assert {variant.engine for variant in ways([plugged], depth)} == {"reference", plugged}
@@ -80,9 +83,11 @@ def test_plugged_in_engine_has_the_ladders_of_ours_at_each_fidelity(plugged, way
 
 def test_plugged_in_engine_is_in_every_comparison(plugged):
     labels = {plugged, f"{plugged}, contact"}
-    assert labels <= {variant.label for variant in hard_variants()} and labels <= {variant.label for variant in hard_variants([plugged])}
+    assert labels <= {variant.label for variant in hard_variants()}
+    assert labels <= {variant.label for variant in hard_variants([plugged])}
     assert labels <= {variant.label for variant in effects_variants([plugged])}
-    assert {variant.label for variant in load_campaign().of_engine(f"{__name__}:Adaptive").variants} == {f"{__name__}:Adaptive"}
+    adaptive = f"{__name__}:Adaptive"
+    assert {variant.label for variant in load_campaign().of_engine(adaptive).variants} == {adaptive}
 
 
 def test_an_adaptive_engine_has_tolerances_and_one_that_is_missing_a_row():
@@ -95,12 +100,14 @@ def test_an_adaptive_engine_has_tolerances_and_one_that_is_missing_a_row():
 
 def test_tables_of_the_plugged_in_engine(plugged, in_this_process):
     """Its numbers are those of the engine that it is derived from, rung by rung."""
-    few = [Variant(variant.label, variant.engine, "dt", variant.ladder[:1]) for variant in cost_variants(["pymunk", plugged])
+    few = [Variant(variant.label, variant.engine, "dt", variant.ladder[:1])
+           for variant in cost_variants(["pymunk", plugged])
            if variant.engine != "reference" and variant.fidelity == "joint" and variant.parameter == "dt"]
     table = work_precision(load_scene("slider-bar-case-1"), few, t_end=1.0, repeats=1).make().table.set_index("engine")
     assert set(table["status"]) == {"ok"}
     assert table.at[plugged, "position error [m]"] == table.at["pymunk", "position error [m]"] > 0
-    ended = CliRunner().invoke(app, ["compare", "drift", "slider-bar-case-1", "--engines", f"{plugged},pymunk", "--quick", "--t-end", "1"])
+    ended = CliRunner().invoke(app, ["compare", "drift", "slider-bar-case-1", "--engines", f"{plugged},pymunk",
+                                     "--quick", "--t-end", "1"])
     assert ended.exit_code == 0 and f"{plugged}, contact" in ended.stdout, ended.output
 
 
@@ -117,13 +124,15 @@ def test_variants_of_the_file_are_whole():
     assert [scene.name for scene in campaign.scenes] == [f"slider-bar-case-{i}" for i in (1, 2, 3)]
     assert {variant.engine for variant in campaign.variants} == OWN
     assert all(variant.ladder or variant.cost for variant in campaign.variants)
-    assert all(isinstance(rung, int) for variant in campaign.variants if variant.parameter == "iterations" for rung in variant.cost)
+    assert all(isinstance(rung, int) for variant in campaign.variants if variant.parameter == "iterations"
+               for rung in variant.cost)
     assert len({variant.label for variant in participants()}) == len(participants())
 
 
 @pytest.mark.parametrize(("table", "words"), [
     ("dt = [1e-3, 1e-2]", "decrease"), ("iterations = [50, 2]", "increase"), ("dt = []", "expected at least 1 number"),
-    ("dt = [1e-2]\nrtol = [1e-6]", "found 'dt and rtol'"), ("cost = [1e-2]", "found 'none'"), ("dt = [1e-2]\ncost = [1e-3, 1e-2]", "cost: found"),
+    ("dt = [1e-2]\nrtol = [1e-6]", "found 'dt and rtol'"), ("cost = [1e-2]", "found 'none'"),
+    ("dt = [1e-2]\ncost = [1e-3, 1e-2]", "cost: found"),
     ("dt = [1e-2]\nladder = [1]", "unknown key")])
 def test_bad_ladders(tmp_path, table, words):
     (tmp_path / "campaign.toml").write_text(f'scenes = ["pendulum"]\n[variants.mine]\nengine = "reference"\n{table}\n')
@@ -137,14 +146,18 @@ def test_engines_are_prepared_before_their_runs_have_a_time_limit(plugged, compi
 
 
 def test_what_is_timed_runs_alone_and_last_in_rounds(compiled):
-    """Every run is made first, beside others; then those that are timed again, one at a time, once a round, in turns forwards and backwards."""
+    """Every run is made first, with others; then the timed ones again, one by one, in rounds forwards and backwards."""
     calls, scene = [], load_scene("pendulum")
     run = load_engine("reference").simulate(scene, rtol=1e-6, t_end=0.1)
 
     def isolated(tasks, *, workers, timeout_s, on_result):
         calls.append(([task.label for task in tasks], workers, timeout_s))
-        return [Outcome(task.label, "ok", Sample(0.0, 2.0, 1.0, 1e-3, 1) if task.function is visit else run if is_simulation(task) else task.label, cpu_s=0.0)
-                for task in tasks]
+        return [Outcome(task.label, "ok", value_of(task), cpu_s=0.0) for task in tasks]
+
+    def value_of(task):
+        if task.function is visit:
+            return Sample(0.0, 2.0, 1.0, 1e-3, 1)
+        return run if is_simulation(task) else task.label
 
     def comparison(*tasks, rounds=0):
         return Comparison(tasks, lambda outcomes: [outcome.value for outcome in outcomes], rounds=rounds)
@@ -153,8 +166,10 @@ def test_what_is_timed_runs_alone_and_last_in_rounds(compiled):
         return simulation(Job(label, "reference", scene, {"rtol": 1e-6, "t_end": t_end}))
 
     told = []
-    (one, two), rest, none = make([comparison(timed("t1", 0.1), timed("t2", 0.2), rounds=3), comparison(Task("a", len, ("a",)), Task("b", len, ("b",))), comparison()],
+    (one, two), rest, none = make([comparison(timed("t1", 0.1), timed("t2", 0.2), rounds=3),
+                                   comparison(Task("a", len, ("a",)), Task("b", len, ("b",))), comparison()],
                                   workers=3, timeout_s=9.0, on_start=told.append, isolated=isolated)
     assert (rest, none) == (["a", "b"], []) and told == [4 + 3 * 2]
-    assert calls == [(["t1", "t2", "a", "b"], 3, 9.0), (["t1", "t2"], 1, 9.0), (["t2", "t1"], 1, 9.0), (["t1", "t2"], 1, 9.0)]
+    assert calls == [(["t1", "t2", "a", "b"], 3, 9.0), (["t1", "t2"], 1, 9.0), (["t2", "t1"], 1, 9.0),
+                     (["t1", "t2"], 1, 9.0)]
     assert one.trajectory.cost.own_s == 1.0 and one.trajectory.cost.stepping_s == 2.0 and len(one.samples) == 3

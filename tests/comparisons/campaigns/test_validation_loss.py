@@ -35,7 +35,7 @@ from stiction.engines.pymunk.engine import PymunkEngine
 
 
 class Mortal(PymunkEngine):
-    \"\"\"pymunk, whose process dies half way through the run of the second case with the finer step, in joint fidelity.\"\"\"
+    \"\"\"pymunk, whose process dies half way through the second case with the finer step, in joint fidelity.\"\"\"
 
     name = "mortal"
 
@@ -48,7 +48,7 @@ class Mortal(PymunkEngine):
 
 
 def check(folder: Path, printed: str, engine: str, left_out: set[str]) -> str:
-    """What holds of every report with one killed run of `engine` and no section of the studies `left_out`; its failures."""
+    """Check a report with one killed run of `engine` without the studies `left_out`; return its row of failures."""
     text = (folder / "report.md").read_text()
     asked = [question for name, question in QUESTIONS.items() if name not in left_out]
     assert re.findall(r"^## (.*)$", text, re.M) == ["Terms", *asked, *LAST]
@@ -61,7 +61,8 @@ def check(folder: Path, printed: str, engine: str, left_out: set[str]) -> str:
     return row
 
 
-@pytest.mark.long  # in every run: a killed child in test_isolation, lost runs in a report in tests/reports, a whole validation in test_checkpoint
+# in every run: a killed child in test_isolation, failed runs in tests/reports, a whole validation in test_checkpoint
+@pytest.mark.long
 def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled, short_validation):
     """The whole way of `stiction validate`."""
     (tmp_path / "mortal.py").write_text(MORTAL)
@@ -69,23 +70,27 @@ def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled, short_valid
     monkeypatch.syspath_prepend(tmp_path)
     engine = "mortal:Mortal"
     short_validation(tuple(replace(variant, ladder=variant.ladder[:1]) if variant.engine == "reference" else variant
-                           for variant in all_variants([engine], Depth.QUICK) if variant.engine == engine or variant.label == "reference"))
+                           for variant in all_variants([engine], Depth.QUICK) if variant.engine == engine
+                           or variant.label == "reference"))
 
     ended = CliRunner().invoke(app, ["validate", "--quick", "--engines", engine, "--out", "report"])
 
     assert ended.exit_code == 0, ended.output
-    failures = check(tmp_path / "report", ended.output, engine, LONG_STUDIES)  # `short_validation` leaves them out
+    # `short_validation` leaves them out
+    failures = check(tmp_path / "report", ended.output, engine, LONG_STUDIES)
     assert "slider-bar-case-2" in failures and "0.0025" in failures
     runs = pd.read_csv(tmp_path / "report" / "data" / "runs.csv")
     lost = runs[runs["status"] != "ok"]
     assert len(lost) == 1 and len(runs[runs["engine"] == engine]) == 3 * 2 * 2
     accuracy = pd.read_csv(tmp_path / "report" / "data" / "accuracy.csv").set_index("key")
-    assert accuracy["position error [m]"].isna().sum() == 1 and pd.isna(accuracy.loc[lost["key"].item(), "position error [m]"])
+    assert accuracy["position error [m]"].isna().sum() == 1
+    assert pd.isna(accuracy.loc[lost["key"].item(), "position error [m]"])
 
 
 @pytest.mark.long
 def test_a_child_killed_from_outside(tmp_path, compiled):
-    started = subprocess.Popen([sys.executable, "-m", "stiction", "validate", "--quick", "--engines", "pymunk", "--out", "report"],
+    started = subprocess.Popen([sys.executable, "-m", "stiction", "validate", "--quick", "--engines", "pymunk", "--out",
+                                "report"],
                                cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         child = None
@@ -109,9 +114,10 @@ def works_in_pymunk(process: psutil.Process) -> bool:
 
 
 def test_an_interrupted_validation_ends_at_once_with_a_report(tmp_path, monkeypatch, compiled, short_validation):
-    """Before anything was run: no truth is looked for, each of which takes seconds and more, and nobody is said to have failed."""
+    """Before anything was run: no truth is looked for, each of which takes seconds, and no engine is said to fail."""
     short_validation(tuple(all_variants(["pymunk"], Depth.QUICK))[:3])
-    monkeypatch.setattr("stiction.comparisons.measures.scene_truth.ground_truth", lambda *_: pytest.fail("a truth was looked for"))
+    monkeypatch.setattr("stiction.comparisons.measures.scene_truth.ground_truth",
+                        lambda *_: pytest.fail("a truth was looked for"))
 
     def not_run(tasks, *, on_result=None, **_):
         outcomes = [Outcome(task.label, NOT_RUN, reason="interrupted") for task in tasks]

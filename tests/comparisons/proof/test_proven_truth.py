@@ -28,10 +28,9 @@ sys.modules["flint"] = None
 ROWS = """
 from stiction.comparisons.campaigns.campaign import load_campaign
 from stiction.comparisons.variants import Variant
-from dataclasses import replace
 
 variant = Variant("reference", "reference", "rtol", (1e-6,), settings={"stabilization": "projection"})
-campaign = replace(load_campaign(), variants=(variant,))
+campaign = load_campaign().model_copy(update={"variants": (variant,)})
 for run in campaign.runs:
     if run.scene.name in ("slider-bar-case-1", "slider-bar-case-1-frictionless", "mass-on-belt", "pendulum"):
         task = run.task(("accuracy", "event"), 1)

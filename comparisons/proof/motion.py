@@ -22,7 +22,7 @@ from math import isinf
 import numpy as np
 from flint import arb, arb_mat, arb_poly
 
-from stiction.comparisons.proof.enclosures.arc import Arc, partials_at
+from stiction.comparisons.proof.enclosures.arc import Arc, Timed, partials_at
 from stiction.comparisons.proof.enclosures.series import Expansion, TooLong, halves, identity, working
 from stiction.comparisons.proof.enclosures.zeros import Undecided, Zero, first_zero, newton
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, time_series
@@ -209,6 +209,8 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
               t1: arb | None = None) -> Step:
     """Enclose a step of about h seconds after its last event, to the end of the motion at most; to t1 where given.
 
+    A step to t1 that was found as two stretches about an event may be too long for one: it is taken in halves then.
+
     Raises
     ------
     TooLong
@@ -220,16 +222,16 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
     events, legs, remainder = [], [], 0.0
     end = _grid(t0, h, mechanism.t_end) if t1 is None else t1
     while True:
-        mode, length = current.mode, (end - front.t).upper()
-        arc = Arc.of(mechanism.timed(mode), front.t, length, front.state, precision.order)
-        mechanism.require_unique(mode, front.t + arb(0).union(length), arc.enclosure)
+        mode = current.mode
+        arc, reach = _reaching(mechanism.timed(mode), front, end, precision.order, shorter=t1 is not None)
+        mechanism.require_unique(mode, front.t + arb(0).union(arc.h), arc.enclosure)
         guards = partial(mechanism.guards, mode)
         groups = arc.functions(guards)
         remainder = max(remainder, _remainder(arc, groups, precision.remainder))
         zero = _first_zero(arc, groups, current.zeros)
         one = arc.one(front.point_t, front.point)
         if zero is None:
-            tau, point_tau = end - front.t, end - front.point_t
+            tau, point_tau = reach - front.t, reach - front.point_t
         elif len(legs) == _MOST_LEGS:
             raise Undecided(f"more than {_MOST_LEGS} changes of mode within a step", front.t + zero.tau)
         else:
@@ -238,8 +240,11 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
         legs.append(Leg.of(mechanism, arc, tau, mode))
         front.advance(arc, one, tau, point_tau)
         front.hold(mechanism.held(mode))
-        if zero is None:
+        if zero is None and not reach < end:
             return Step(t0, end, start, front.point, front.derivative, tuple(events), tuple(legs), remainder)
+        if zero is None:
+            current = Next(mode)
+            continue
         current = mechanism.after(mode, zero.group, front.t, *halves(front.state))
         if not current.smooth:
             slope = groups[zero.group][zero.function].derivative()(tau)
@@ -252,6 +257,18 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
             end = _grid(front.t, h, mechanism.t_end)
         elif not front.t < end:
             raise Undecided("a change of mode at the end of a step", front.t)
+
+
+def _reaching(timed: Timed, front: _Front, end: arb, order: int, shorter: bool) -> tuple[Arc, arb]:
+    """Enclose an arc to `end`, and return where it ends: if it may be shorter, half as far until it has an enclosure."""
+    while True:
+        length = (end - front.t).upper()
+        try:
+            return Arc.of(timed, front.t, length, front.state, order), end
+        except TooLong:
+            if not shorter or length < _SHORTEST:
+                raise
+        end = (front.t + length / 2).mid()
 
 
 def _grid(t: arb, h: float, t_end: arb) -> arb:

@@ -378,6 +378,12 @@ def test_a_certificate_of_two_guides():
     assert [event["kind"] for event in told["events"]] == ["corner", "reversal"] and check(told) == []
 
 
+@pytest.mark.parametrize("name, t_end, digits", [("coulomb-oscillator", 4, 14), ("mass-on-belt", 5, 12)])
+def test_a_step_over_an_event_is_checked_in_parts_where_the_whole_has_no_enclosure(name, t_end, digits):
+    scene = load_scene(name, {"t_end": t_end})
+    assert check(certificate(prove_scene(scene, digits), scene, digits)) == []
+
+
 # what cannot be decided
 
 

@@ -88,11 +88,11 @@ def _column(values: Sequence[arb]) -> arb_mat:
 
 @dataclass(frozen=True)
 class ProvenEvent:
-    """A change of mode: its time in a ball, state in balls."""
+    """A change of mode at a guide: its time in a ball, the mode after it, state in balls."""
 
     time: arb
     kind: str
-    before: Hashable
+    joint: str
     after: Hashable
     q: tuple[arb, ...]
     v: tuple[arb, ...]
@@ -252,7 +252,8 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
         front.hold(mechanism.held(current.mode))
         q, v = halves(front.state)
         time = _wider(front.t, precision.margin)
-        events.append(ProvenEvent(time, current.kind, mode, current.mode, tuple(q), tuple(v)))
+        joint = mechanism.event_joint(mode, current.mode)
+        events.append(ProvenEvent(time, current.kind, joint, current.mode, tuple(q), tuple(v)))
         if t1 is None:
             end = _grid(front.t, h, mechanism.t_end)
         elif not front.t < end:

@@ -1,12 +1,12 @@
-"""The theorem on the stick threshold as a file that can be checked again.
+"""The theorem on the stick threshold as a certificate.
 
-The file is JSON, its numbers as in `tables`. Each of the two ends claims, of the scene with the exact amplitude F0:
+Each of the two ends claims, of the scene with the exact amplitude F0:
 *B = {centre + frame y : |y1|, |y2| <= radius} is mapped into itself by P, the motion over `count` common periods, with
 a factor of at most `contraction`; the periodic motion that starts in it starts in `state`; no motion from B has other
 changes of mode than the listed ones; the motion from the scene's start is in B after `periods` times so many periods.*
 What follows from that is in `threshold`.
 
-`check` proves all of it anew with more bits, another order and shorter steps. It takes B from the file, and nothing
+The check proves all of it anew with more bits, another order and shorter steps. It takes B from the file, and nothing
 that was computed with it. The decimals have to contain what is proven, and the sentences of the theorem to be those of
 its tables.
 """
@@ -17,20 +17,18 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any
 
 from flint import arb
 
+from stiction.comparisons.proof.certificate import (Claims, Failure, Format, NotACertificate, ball_texts, contains,
+                                                    decimals, exact_text, matrix_texts, read_ball, read_ball_within,
+                                                    read_matrix, read_number)
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.motion import Precision, StateSet
-from stiction.comparisons.proof.tables import (Failure, NotACertificate, ball_texts, checking, contains, decimals,
-                                                  exact_text, matrix_texts, read_ball, read_ball_within, read_matrix,
-                                                  read_number)
 from stiction.comparisons.proof.threshold import (NotProven, ProvenSteadyState, ProvenThreshold, at_amplitude, decimal,
                                                      proven_on)
 from stiction.scenes import Scene, scene_from_dict, scene_to_toml
 
-FORMAT = "stiction threshold proof 1"
 _MORE_DIGITS = 6
 _MOST_DIGITS = 1000
 _SLACK = 1e-6
@@ -39,10 +37,10 @@ _SHOWN = 16
 ENDS = ("low", "high")
 
 
-def threshold_certificate(found: ProvenThreshold, scene: Scene) -> dict[str, Any]:
+def threshold_certificate(found: ProvenThreshold, scene: Scene) -> Claims:
     """Claims about a threshold, as the tables of a JSON file."""
     claimed = ProvenThreshold(_claimed(found.low), _claimed(found.high))
-    return {"format": FORMAT, "scene": scene.name, "file": scene_to_toml(scene), "theorem": claimed.sentences(),
+    return {"format": FORMAT.name, "scene": scene.name, "file": scene_to_toml(scene), "theorem": claimed.sentences(),
             **{name: _end(end) for name, end in zip(ENDS, (claimed.low, claimed.high))}}
 
 
@@ -54,7 +52,7 @@ def _claimed(end: ProvenSteadyState) -> ProvenSteadyState:
         return replace(end, state=state, contraction=end.contraction * (1 + _SLACK), events=events)
 
 
-def _end(end: ProvenSteadyState) -> dict[str, Any]:
+def _end(end: ProvenSteadyState) -> Claims:
     with end.precision.working():
         return {"F0 [N]": f"{end.F0.numerator}/{end.F0.denominator}", "F0, decimal": decimal(end.F0),
                 "stick phase": end.sticks, "digits": end.digits, "count": end.count,
@@ -65,21 +63,7 @@ def _end(end: ProvenSteadyState) -> dict[str, Any]:
                 "events": [{"kind": e.kind, "time [s]": decimals(e.time, _SHOWN)} for e in end.events]}
 
 
-def check(claims: dict[str, Any]) -> list[Failure]:
-    """Prove every claim of the theorem anew; the failures, none if all hold.
-
-    Their numbers: 0 for the lower end, 1 for the upper, -1 for the whole.
-
-    Raises
-    ------
-    NotACertificate
-        Where the tables lack something.
-    """
-    with checking(FORMAT):
-        return list(_failures(claims))
-
-
-def _failures(claims: dict[str, Any]) -> Iterator[Failure]:
+def _failures(claims: Claims) -> Iterator[Failure]:
     scene = scene_from_dict(tomllib.loads(claims["file"]), claims["scene"])
     low, high = (Fraction(claims[name]["F0 [N]"]) for name in ENDS)
     below, above = (claims[name]["stick phase"] for name in ENDS)
@@ -95,7 +79,7 @@ def _failures(claims: dict[str, Any]) -> Iterator[Failure]:
         yield Failure(-1, "the sentences of the theorem differ from its tables")
 
 
-def _proven_again(end: dict[str, Any], scene: Scene, F0: Fraction) -> ProvenSteadyState:
+def _proven_again(end: Claims, scene: Scene, F0: Fraction) -> ProvenSteadyState:
     """The claims of an end, proven.
 
     Raises
@@ -116,7 +100,7 @@ def _proven_again(end: dict[str, Any], scene: Scene, F0: Fraction) -> ProvenStea
                        periods=end["periods"])
 
 
-def _require_claims(end: dict[str, Any], again: ProvenSteadyState) -> None:
+def _require_claims(end: Claims, again: ProvenSteadyState) -> None:
     """Compare the claims of an end with another proof of it; raises NotProven."""
     kinds, claimed = [event.kind for event in again.events], end["contraction"]
     if again.sticks != end["stick phase"] or kinds != [event["kind"] for event in end["events"]]:
@@ -132,3 +116,6 @@ def _require_claims(end: dict[str, Any], again: ProvenSteadyState) -> None:
              *((event["time [s]"], own.time) for event, own in zip(end["events"], again.events))]
     if end["F0, decimal"] != decimal(again.F0) or not all(contains(text, ball) for text, ball in shown):
         raise NotProven("the decimals of F0, the state or the events do not contain what is proven")
+
+
+FORMAT = Format("stiction threshold proof 1", "end", lambda claims: len(ENDS), _failures)

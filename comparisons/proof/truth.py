@@ -2,7 +2,7 @@
 
 A certificate holds polynomials in floats for positions and velocities of all bodies, a proven bound of the error of
 each, and the events. To read one takes no ball arithmetic, so that the tier of a truth does not depend on what is
-installed. It is bound to the content of the scene (`scene_digest`): any other scene has the truth of the tier below.
+installed. It is bound to the content of the scene (`motion_digest`): any other scene has the truth of the tier below.
 `truth_certificate` makes and checks them.
 """
 
@@ -26,7 +26,6 @@ from stiction.comparisons.proof.theorems import DATA, Contradiction
 from stiction.comparisons.truth.truth import PROVEN, Truth
 from stiction.scenes import Scene, scene_to_toml
 
-FORMAT = "stiction truth proof 1"
 SUFFIX = ".json.gz"
 _INSTANTS = 499
 _ESTIMATED = 10.0
@@ -92,7 +91,7 @@ class ProvenTruth:
         return cls(claims["t_end"], columns, tuple(map(tuple, claims["events"])), claims["event time"])
 
 
-def scene_digest(text: str) -> str:
+def motion_digest(text: str) -> str:
     """Digest of a scene's text as far as its motion depends on it; numbers as written, names of parameters left out."""
     raw = tomllib.loads(text)
     content = {key: _put_in(value, raw.get("parameters", {})) for key, value in raw.items() if key not in _UNPROVEN}
@@ -112,7 +111,7 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
     Contradiction
         If the truth has other events, or columns that differ by more than they may.
     """
-    proven = _proven(scene_digest(scene_to_toml(scene)))
+    proven = _proven(motion_digest(scene_to_toml(scene)))
     if proven is None or truth.t_end > proven.t_end:
         return truth
     kinds = [(event.kind, event.joint) for event in truth.events]

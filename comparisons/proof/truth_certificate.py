@@ -13,28 +13,24 @@ scenes.
 
 from __future__ import annotations
 
-import gzip
-import json
 import sys
 import tomllib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import takewhile
 from math import ceil, log10
 from pathlib import Path
-from typing import Any
 
 from flint import arb, arb_poly
 
-from stiction.comparisons.atomic_files import whole_file
 from stiction.comparisons.measures.scene_truth import rubbing_guides
+from stiction.comparisons.proof.certificate import Claims, Failure, Format, NotACertificate, write_certificate
 from stiction.comparisons.proof.enclosures.exact import NotComparable
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.motion import ProvenMotion
 from stiction.comparisons.proof.proving import MECHANISMS, TooWide, provable, prove_scene
-from stiction.comparisons.proof.tables import Failure, NotACertificate, checking
 from stiction.comparisons.proof.theorems import DATA
-from stiction.comparisons.proof.truth import FORMAT, SUFFIX, certificates, scene_digest
+from stiction.comparisons.proof.truth import SUFFIX, certificates, motion_digest
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.comparisons.variants import physics_of
 from stiction.scenes import Scene, catalogue, load_scene, scene_from_dict, scene_to_toml
@@ -51,7 +47,7 @@ _AT_ONCE = 1e-12
 """s; corners of one guide that are closer are one event for all but a proof."""
 
 
-def truth_certificate(scene: Scene) -> dict[str, Any]:
+def truth_certificate(scene: Scene) -> Claims:
     """Claims about a scene's motion, as the tables of a JSON file.
 
     Raises
@@ -66,7 +62,7 @@ def truth_certificate(scene: Scene) -> dict[str, Any]:
         legs = [leg for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end]) if start < end]
         columns = legs[0].bodies
         derivatives = _derivatives(columns)
-        claims = {"format": FORMAT, "scene": scene.name, "digest": scene_digest(text), "file": text, "digits": DIGITS,
+        claims = {"format": FORMAT.name, "scene": scene.name, "digest": motion_digest(text), "file": text, "digits": DIGITS,
                   "t_end": scene.t_end, "starts": [float(leg.t.mid()) for leg in legs], "derivatives": derivatives,
                   "coefficients": {name: [_floats(leg.bodies[name], _upper(leg.end)) for leg in legs]
                                    for name in columns if name not in derivatives}}
@@ -78,28 +74,17 @@ def truth_certificate(scene: Scene) -> dict[str, Any]:
         return claims
 
 
-def check(claims: dict[str, Any]) -> list[Failure]:
-    """Prove the motion anew, and every claim with it; the failures, none if all hold.
-
-    Raises
-    ------
-    NotACertificate
-        Where the tables lack something.
-    """
-    with checking(FORMAT):
-        try:
-            return list(_failures(claims))
-        except (Undecided, TooWide, NotComparable, NotThisMechanism) as error:
-            return [Failure(-1, str(error))]
-
-
-def _failures(claims: dict[str, Any]) -> Iterator[Failure]:
+def _failures(claims: Claims) -> Iterator[Failure]:
     scene = scene_from_dict(tomllib.loads(claims["file"]), claims["scene"])
-    claimed, digest = (claims["digest"], claims["t_end"]), scene_digest(claims["file"])
+    claimed, digest = (claims["digest"], claims["t_end"]), motion_digest(claims["file"])
     if claimed != (digest, scene.t_end):
         yield Failure(-1, f"digest and t_end: found {claimed}; the scene has {(digest, scene.t_end)}")
         return
-    motion = prove_scene(scene, int(claims["digits"]) + _MORE_DIGITS)
+    try:
+        motion = prove_scene(scene, int(claims["digits"]) + _MORE_DIGITS)
+    except (Undecided, TooWide, NotComparable, NotThisMechanism) as error:
+        yield Failure(-1, str(error))
+        return
     with motion.precision.working():
         for name, error in _errors(claims, motion).items():
             if not error <= claims["errors"][name]:
@@ -111,7 +96,7 @@ def _failures(claims: dict[str, Any]) -> Iterator[Failure]:
             yield Failure(-1, "the time of an event is not within its interval")
 
 
-def _errors(claims: Mapping[str, Any], motion: ProvenMotion) -> dict[str, float]:
+def _errors(claims: Claims, motion: ProvenMotion) -> dict[str, float]:
     """Bounds by column of the error of its evaluation in floats.
 
     On each stretch that a leg of the file has in common with one of the motion both polynomials are taken about the
@@ -163,13 +148,12 @@ def _events(motion: ProvenMotion, scene: Scene) -> list[tuple[str, str, arb]]:
     kept: list[tuple[str, str, arb]] = []
     counted = rubbing_guides(scene)
     for event in motion.events:
-        joint = motion.mechanism.event_joint(event.before, event.after)
-        if joint not in counted:
+        if event.joint not in counted:
             continue
-        if kept and kept[-1][:2] == (event.kind, joint) == ("corner", joint):
+        if kept and kept[-1][:2] == (event.kind, event.joint) == ("corner", event.joint):
             if not event.time - kept[-1][2] > _AT_ONCE:
                 kept.pop()
-        kept.append((event.kind, joint, event.time))
+        kept.append((event.kind, event.joint, event.time))
     return kept
 
 
@@ -190,13 +174,16 @@ def _upper(ball: arb) -> float:
     return float(ball.upper()) * (1 + 2 * _ROUNDING)
 
 
+FORMAT = Format("stiction truth proof 1", "column", lambda claims: len(claims["errors"]), _failures)
+
+
 def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
     """Scenes of the catalogue whose motion can be proven, and the same with mus = mu, each once."""
     seen = set()
     for name in names or catalogue():
         for static in (True, False):
             scene = physics_of(load_scene(name), static)
-            digest = scene_digest(scene_to_toml(scene))
+            digest = motion_digest(scene_to_toml(scene))
             try:
                 with working(64, 2):
                     if digest in seen or scene.t_end > MECHANISMS[type(provable(scene))]:
@@ -207,12 +194,9 @@ def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
             yield scene
 
 
-def write_certificate(claims: dict[str, Any], folder: Path) -> Path:
-    """Write the file, whole or not at all, in place of one of the same scene."""
-    path = folder / f"truth-{claims['scene'].rpartition('/')[2]}.{claims['digest']}{SUFFIX}"
-    with whole_file(path) as partial:
-        partial.write_bytes(gzip.compress(json.dumps(claims, separators=(",", ":")).encode(), mtime=0))
-    return path
+def certificate_path(claims: Claims) -> Path:
+    """Return where the certificate of a scene stands."""
+    return DATA / f"truth-{claims['scene'].rpartition('/')[2]}.{claims['digest']}{SUFFIX}"
 
 
 def main(names: Sequence[str]) -> None:
@@ -220,10 +204,12 @@ def main(names: Sequence[str]) -> None:
     written = set()
     for scene in provable_scenes(names):
         try:
-            path = write_certificate(truth_certificate(scene), DATA)
+            claims = truth_certificate(scene)
         except (Undecided, TooWide, NotComparable) as error:
             print(f"{scene.name}: not proven: {error}")
             continue
+        path = certificate_path(claims)
+        write_certificate(claims, path)
         written.add(path.name)
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)
     for file in [] if names else certificates():

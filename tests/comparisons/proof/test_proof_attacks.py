@@ -19,7 +19,7 @@ from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.mechanisms.trammel import Trammel
 from stiction.comparisons.proof.motion import Precision, StateSet, prove
 from stiction.comparisons.proof.proving import prove_scene
-from stiction.comparisons.proof.tables import read_ball, read_ball_within, read_number
+from stiction.comparisons.proof.certificate import read_ball, read_ball_within, read_number
 from stiction.comparisons.truth import slider_bar_truth, trammel_truth
 from stiction.scenes import load_scene, vary
 

@@ -15,16 +15,16 @@ from flint import acb, arb, fmpq
 from stiction.cli import prove as command
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT, FAILED
-from stiction.comparisons.proof.certificate import FORMAT, certificate, check
+from stiction.comparisons.proof.certificate import NotACertificate, read_certificate
 from stiction.comparisons.proof.enclosures import arc
 from stiction.comparisons.proof.enclosures.exact import ExactScene, NotComparable, exact
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
+from stiction.comparisons.proof.motion_certificate import FORMAT, motion_certificate
 from stiction.comparisons.proof.motion import Precision, StateSet, prove
 from stiction.comparisons.proof.proving import provable, prove_scene
-from stiction.comparisons.proof.tables import NotACertificate, read_certificate
 from stiction.comparisons.truth import (NotThisMechanism, moving_guide_truth, non_stop_peak, oscillator_truth, pendulum_truth,
                                         slider_bar_truth, trammel_truth)
 from stiction.scenes import catalogue, load_scene, scene_from_dict, vary
@@ -225,7 +225,7 @@ def close_to(truth, motion, times):
     """Events of both in order, and the columns of the motion, up to the truth's own error."""
     mechanism = motion.mechanism
     with working(motion.precision.bits, motion.precision.order + 1):
-        assert [(e.kind, mechanism.event_joint(e.before, e.after)) for e in motion.events] == [(e.kind, e.joint) for e in truth.events]
+        assert [(e.kind, e.joint) for e in motion.events] == [(e.kind, e.joint) for e in truth.events]
         for proven, event in zip(motion.events, truth.events):
             assert close(proven.time, event.time, ESTIMATED * truth.uncertainty["event time"])
         for t in times:
@@ -237,7 +237,7 @@ def test_truth_of_the_trammel_is_inside():
     """Half a turn: a dead point of each slider, and normal forces that change their sides. The truth is from the balances of every body."""
     scene = load_scene("elliptic-trammel", {"t_end": 0.45})
     motion = prove_scene(scene, 12)
-    assert {motion.mechanism.event_joint(e.before, e.after) for e in motion.events if e.kind == "reversal"} == {"guide-x", "guide-y"}
+    assert {e.joint for e in motion.events if e.kind == "reversal"} == {"guide-x", "guide-y"}
     assert "corner" in [e.kind for e in motion.events]
     close_to(trammel_truth(scene), motion, np.linspace(0.013, 0.449, 12))
 
@@ -291,21 +291,21 @@ def test_reference_of_the_pendulum_errs_in_proportion_to_its_tolerance(compiled)
 
 def test_a_wrong_equation_is_noticed(short):
     scene, motion = short
-    told = certificate(motion, scene, DIGITS)
-    assert check(told) == []
+    told = motion_certificate(motion, scene, DIGITS)
+    assert FORMAT.check(told) == []
     for old, new in (("mu = 0.03", "mu = 0.03000000000000001"), ("g = 9.81", "g = 9.810000000000002"), ("F0 = 3\n", "F0 = -3\n")):
         wrong = copy.deepcopy(told)
         assert old in wrong["file"]
         wrong["file"] = wrong["file"].replace(old, new)
-        assert check(wrong), old
+        assert FORMAT.check(wrong), old
 
 
 def test_a_term_of_the_wrong_sign_is_noticed(short, monkeypatch):
     scene, motion = short
-    told = certificate(motion, scene, DIGITS)
+    told = motion_certificate(motion, scene, DIGITS)
     normal = SlidingMass._normal
     monkeypatch.setattr(SlidingMass, "_normal", lambda self, t: 2 * self.weight - normal(self, t))
-    assert check(told)
+    assert FORMAT.check(told)
 
 
 def test_a_remainder_left_out_is_noticed(monkeypatch):
@@ -344,12 +344,12 @@ def test_rounding_left_out_is_noticed(monkeypatch):
 
 def test_a_damaged_certificate_is_noticed(short):
     scene, motion = short
-    told = certificate(motion, scene, DIGITS)
+    told = motion_certificate(motion, scene, DIGITS)
 
     def damaged(change):
         wrong = copy.deepcopy(told)
         change(wrong)
-        return check(wrong)
+        return FORMAT.check(wrong)
 
     eventful = next(i for i, step in enumerate(told["steps"]) if step["events"])
     with bits():
@@ -374,14 +374,14 @@ def test_a_damaged_certificate_is_noticed(short):
 def test_a_certificate_of_two_guides():
     """Past a dead point, where a coordinate's ball contains zero."""
     scene = load_scene("elliptic-trammel", {"t_end": 0.15})
-    told = certificate(prove_scene(scene, 12), scene, 12)
-    assert [event["kind"] for event in told["events"]] == ["corner", "reversal"] and check(told) == []
+    told = motion_certificate(prove_scene(scene, 12), scene, 12)
+    assert [event["kind"] for event in told["events"]] == ["corner", "reversal"] and FORMAT.check(told) == []
 
 
 @pytest.mark.parametrize("name, t_end, digits", [("coulomb-oscillator", 4, 14), ("mass-on-belt", 5, 12)])
 def test_a_step_over_an_event_is_checked_in_parts_where_the_whole_has_no_enclosure(name, t_end, digits):
     scene = load_scene(name, {"t_end": t_end})
-    assert check(certificate(prove_scene(scene, digits), scene, digits)) == []
+    assert FORMAT.check(motion_certificate(prove_scene(scene, digits), scene, digits)) == []
 
 
 # what cannot be decided
@@ -428,7 +428,7 @@ def test_command_writes_what_it_checks(tmp_path):
     ended = invoke("mass-on-belt", "--digits", 25, "--set", "t_end=3", "--out", file)
     assert ended.exit_code == 0, ended.output
     assert "proven" in ended.output and ended.output.count("slip") >= 1
-    told = read_certificate(file, (FORMAT,))
+    told = read_certificate(file, (FORMAT.name,))
     assert told["digits"] == 25 and float(told["largest width"]) <= 1e-25
     assert invoke(file, "--check").exit_code == 0
     shorter = invoke("mass-on-belt", "--digits", 25, "--t-end", "12/4")

@@ -16,7 +16,7 @@ from stiction.comparisons.proof import threshold as module
 from stiction.comparisons.proof import theorems, threshold_certificate
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.motion import ProvenMotion
-from stiction.comparisons.proof.tables import NotACertificate, read_certificate, write_tables
+from stiction.comparisons.proof.certificate import NotACertificate, read_certificate, write_certificate
 from stiction.comparisons.proof.theorems import Contradiction, certificates, with_theorem
 from stiction.comparisons.proof.threshold import NotProven, ProvenThreshold, decimal, proven_steady_state, proven_threshold
 from stiction.comparisons.truth import NotThisMechanism
@@ -93,7 +93,7 @@ def certificate(sticking, sliding, tmp_path_factory):
     """A theorem on a wide interval, as a file."""
     path = tmp_path_factory.mktemp("theorem") / "threshold.json"
     found = ProvenThreshold(sticking, sliding)
-    write_tables(threshold_certificate.threshold_certificate(found, load_scene(CASE)), path)
+    write_certificate(threshold_certificate.threshold_certificate(found, load_scene(CASE)), path)
     return path
 
 
@@ -122,7 +122,7 @@ def changed(decimals):
     (lambda low: low["events"][-1].update({"time [s]": changed(low["events"][-1]["time [s]"])}), "decimals")])
 def test_claims_that_differ_from_what_is_proven(certificate, sticking, monkeypatch, damage, reason):
     monkeypatch.setattr(threshold_certificate, "proven_on", lambda *arguments: sticking)
-    low = read_certificate(certificate, (threshold_certificate.FORMAT,))["low"]
+    low = read_certificate(certificate, (threshold_certificate.FORMAT.name,))["low"]
     assert threshold_certificate._proven_again(low, load_scene(CASE), sticking.F0).sticks
     damage(low)
     with pytest.raises(NotProven, match=reason):
@@ -131,17 +131,17 @@ def test_claims_that_differ_from_what_is_proven(certificate, sticking, monkeypat
 
 def test_sentences_that_differ_from_the_tables(certificate, sticking, sliding, monkeypatch):
     monkeypatch.setattr(threshold_certificate, "proven_on", lambda scene, F0, *rest: sticking if F0 == sticking.F0 else sliding)
-    told = read_certificate(certificate, (threshold_certificate.FORMAT,))
-    assert threshold_certificate.check(told) == []
+    told = read_certificate(certificate, (threshold_certificate.FORMAT.name,))
+    assert threshold_certificate.FORMAT.check(told) == []
     told["theorem"][-1] = told["theorem"][-1].replace("4.2119", "4.2118")
-    assert [failure.step for failure in threshold_certificate.check(told)] == [-1]
+    assert [failure.part for failure in threshold_certificate.FORMAT.check(told)] == [-1]
 
 
 @pytest.mark.parametrize("damage", [lambda low: low.update(radius="1*2^-2"),  # of motions with other changes of mode
                                     lambda low: low.update(radius="1*2^-300"),  # within the error of the centre
                                     lambda low: low["centre"].__setitem__(0, "-3*2^-3")])
 def test_another_set_proves_nothing(certificate, damage):
-    told = read_certificate(certificate, (threshold_certificate.FORMAT,))
+    told = read_certificate(certificate, (threshold_certificate.FORMAT.name,))
     damage(told["low"])
     with pytest.raises((NotProven, Undecided)):
         threshold_certificate._proven_again(told["low"], load_scene(CASE), Fraction(42119, 10000))
@@ -149,27 +149,27 @@ def test_another_set_proves_nothing(certificate, damage):
 
 @pytest.mark.long
 def test_another_friction_is_noticed(certificate):
-    told = read_certificate(certificate, (threshold_certificate.FORMAT,))
+    told = read_certificate(certificate, (threshold_certificate.FORMAT.name,))
     assert "mu = 0.03\n" in told["file"]
     told["file"] = told["file"].replace("mu = 0.03\n", "mu = 0.0300001\n")
-    assert [failure.step for failure in threshold_certificate.check(told)] == [0, 1]
+    assert [failure.part for failure in threshold_certificate.FORMAT.check(told)] == [0, 1]
 
 
 def test_ends_that_do_not_bracket(certificate, sticking, sliding, monkeypatch):
     monkeypatch.setattr(threshold_certificate, "proven_on", lambda scene, F0, *rest: sticking if F0 == sticking.F0 else sliding)
-    told = read_certificate(certificate, (threshold_certificate.FORMAT,))
+    told = read_certificate(certificate, (threshold_certificate.FORMAT.name,))
     told["low"], told["high"] = told["high"], told["low"]
-    assert "the ends are none" in threshold_certificate.check(told)[0].reason
+    assert "the ends are none" in threshold_certificate.FORMAT.check(told)[0].reason
 
 
 @pytest.mark.parametrize("damage", [lambda told: told.pop("high"), lambda told: told["low"].pop("frame"),
                                     lambda told: told["low"].update(radius="small"), lambda told: told["low"].update(count=0),
                                     lambda told: told["low"].update({"F0 [N]": "1/0"})])
 def test_a_file_that_is_no_theorem(certificate, damage):
-    told = read_certificate(certificate, (threshold_certificate.FORMAT,))
+    told = read_certificate(certificate, (threshold_certificate.FORMAT.name,))
     damage(told)
     with pytest.raises(NotACertificate):
-        threshold_certificate.check(copy.deepcopy(told))
+        threshold_certificate.FORMAT.check(copy.deepcopy(told))
 
 
 def test_a_refuted_file_ends_the_command(certificate, sliding, tmp_path, monkeypatch):
@@ -216,7 +216,7 @@ def test_another_scene_has_no_theorem():
 
 def test_an_end_of_a_theorem_of_the_suite_is_proven_anew():
     [file] = [file for file in certificates() if "mus-equals" in file.name]
-    told = read_certificate(file, (threshold_certificate.FORMAT,))
+    told = read_certificate(file, (threshold_certificate.FORMAT.name,))
     high = Fraction(told["high"]["F0 [N]"])
     again = threshold_certificate._proven_again(told["high"], load_scene(told["scene"]), high)
     assert again.F0 == high and not again.sticks
@@ -226,4 +226,4 @@ def test_an_end_of_a_theorem_of_the_suite_is_proven_anew():
 @pytest.mark.long
 @pytest.mark.parametrize("file", list(certificates()), ids=lambda file: file.name)
 def test_the_theorems_of_the_suite_are_proven_anew(file):
-    assert threshold_certificate.check(read_certificate(file, (threshold_certificate.FORMAT,))) == []
+    assert threshold_certificate.FORMAT.check(read_certificate(file, (threshold_certificate.FORMAT.name,))) == []

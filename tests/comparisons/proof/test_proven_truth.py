@@ -14,7 +14,7 @@ from stiction.comparisons.measures.accuracy import TORQUE_ERROR, errors
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.proof.theorems import Contradiction
-from stiction.comparisons.proof.truth import certificates, scene_digest, with_proof
+from stiction.comparisons.proof.truth import certificates, motion_digest, with_proof
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, slider_bar_truth
 from stiction.comparisons.variants import Record, Variant, physics_of
 from stiction.engines import Outcome
@@ -61,7 +61,7 @@ def test_rows_are_the_same_with_and_without_ball_arithmetic(compiled):
 
 def test_every_certificate_is_of_a_scene_as_it_is():
     """A scene of the catalogue that was changed has lost its proof: `python -m stiction.comparisons.proof.truth_certificate` makes a new one."""
-    current = {scene_digest(scene_to_toml(physics_of(load_scene(name), static))) for name in catalogue() for static in (True, False)}
+    current = {motion_digest(scene_to_toml(physics_of(load_scene(name), static))) for name in catalogue() for static in (True, False)}
     stale = [file.name for file in certificates() if file.name.split(".")[1] not in current]
     assert stale == [] and sum(file.stat().st_size for file in certificates()) < 2e6
 
@@ -71,19 +71,19 @@ def test_every_certificate_is_of_a_scene_as_it_is():
     *(f"slider-bar-case-{case}{kind}" for case in (1, 2, 3) for kind in ("", "-frictionless", "-mus-equals-mu"))])
 def test_every_scene_that_is_proven_has_a_certificate(name):
     digests = {file.name.split(".")[1] for file in certificates()}
-    assert scene_digest(scene_to_toml(load_scene(name))) in digests
-    assert name == "mass-on-belt" or scene_digest(scene_to_toml(physics_of(load_scene(name), False))) in digests  # there a proof is undecided
+    assert motion_digest(scene_to_toml(load_scene(name))) in digests
+    assert name == "mass-on-belt" or motion_digest(scene_to_toml(physics_of(load_scene(name), False))) in digests  # there a proof is undecided
 
 
 def test_a_digest_is_of_the_motion_alone():
     scene = load_scene("slider-bar-case-1")
-    digest = scene_digest(scene_to_toml(scene))
+    digest = motion_digest(scene_to_toml(scene))
     text = scene_to_toml(scene)
-    assert scene_digest(text.replace('title = "', 'title = "another ')) == digest
-    assert scene_digest(scene_to_toml(vary(scene, {"t_end": 3, "stabilization.alpha": 5}))) == digest
-    assert scene_digest(text.replace("Omega", "om")) == digest  # a parameter's name
+    assert motion_digest(text.replace('title = "', 'title = "another ')) == digest
+    assert motion_digest(scene_to_toml(vary(scene, {"t_end": 3, "stabilization.alpha": 5}))) == digest
+    assert motion_digest(text.replace("Omega", "om")) == digest  # a parameter's name
     for changed in ({"mus": 0.041}, {"g": 9.8100000000000005}, {"g": 9.81000000000001}, {"slider.position": [0.26, 0]}, {"guide.width": 0.4}):
-        moved = scene_digest(scene_to_toml(vary(scene, changed)))
+        moved = motion_digest(scene_to_toml(vary(scene, changed)))
         assert (moved == digest) == (changed == {"g": 9.8100000000000005})  # the same double as 9.81
 
 

@@ -1,4 +1,4 @@
-"""The motion of a mechanism from t = 0 to its end, enclosed.
+"""The motion of a scene from t = 0 to its end, enclosed to a number of digits.
 
 A step takes the set of states at one instant to a set at another, both instants exact numbers. The set is a
 parallelepiped c + Q r (Lohner 1987). Its image under the map G of the step, events within it included, is in mean value
@@ -126,16 +126,8 @@ class Leg:
 class Step:
     """A motion from a set `start` at t0 to its image at t1, both exact (t1 at the end of the motion a ball).
 
-    Attributes
-    ----------
-    point : list of arb
-        The image of the set's centre, 2n balls.
-    derivative : arb_mat
-        The image's by the start, on the set.
-    legs : tuple of Leg
-        One more than events.
-    remainder : float
-        The largest of its legs.
+    `point` is the image of the set's centre, `derivative` the image's by the start, on the set; `remainder` is the
+    largest of its legs.
     """
 
     t0: arb
@@ -211,12 +203,7 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
 
     A step to t1 that was found as two stretches about an event may be too long for one: it is taken in halves then.
 
-    Raises
-    ------
-    TooLong
-        If it does not get an enclosure.
-    Undecided
-        If something is not proven.
+    Raises TooLong where it gets no enclosure, Undecided where something is not proven.
     """
     front, current = _Front(t0, start, mechanism.held(first.mode)), first
     events, legs, remainder = [], [], 0.0
@@ -228,7 +215,7 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
         guards = partial(mechanism.guards, mode)
         groups = arc.functions(guards)
         remainder = max(remainder, _remainder(arc, groups, precision.remainder))
-        zero = _first_zero(arc, groups, current.zeros)
+        zero = first_zero(groups, arc.t, arc.h, current.zeros)
         one = arc.one(front.point_t, front.point)
         if zero is None:
             tau, point_tau = reach - front.t, reach - front.point_t
@@ -279,26 +266,12 @@ def _grid(t: arb, h: float, t_end: arb) -> arb:
 
 
 def _remainder(arc: Arc, groups: Sequence[Sequence[arb_poly]], largest: float) -> float:
-    """The largest remainder of states and guards over an arc.
-
-    Raises
-    ------
-    TooLong
-        If it is not smaller than `largest`.
-    """
+    """The largest remainder of states and guards over an arc; raises TooLong if it is not smaller than `largest`."""
     scale = arc.h ** arc.order
     size = max([arc.remainder(), *(abs(f[arc.order]) * scale for group in groups for f in group)], key=_upper)
     if not size < largest:
         raise TooLong(f"remainder {size.str(3)}")
     return _upper(size)
-
-
-def _first_zero(arc: Arc, groups: Sequence[Sequence[arb_poly]], zeros: Mapping[int, int]) -> Zero | None:
-    """The first zero of the guards of an arc; Undecided counts time from the start of the motion."""
-    try:
-        return first_zero(groups, arc.h, zeros)
-    except Undecided as error:
-        raise Undecided(error.reason, arc.t + error.time) from None
 
 
 def _jump(mechanism: ProvableMechanism, modes: tuple[Hashable, Hashable], front: _Front, zero: Zero,
@@ -343,13 +316,11 @@ class ProvenMotion:
         Raises
         ------
         ValueError
-            For a time that is not proven to be within the motion.
+            For a time that is not within the motion.
         """
-        t_end = self.mechanism.t_end
-        if not (t >= 0 and (t <= t_end or t_end.contains(t))):
-            raise ValueError(f"t: found {t.str(10)} s; expected times within 0 .. {t_end.str(10)} s")
-        around = [leg for step in self.steps if not (t < step.t0 or t > step.t1) for leg in step.legs
-                  if not (t - leg.t < 0 or t - leg.t > leg.end)]
+        around = [leg for leg in self.legs if not (t - leg.t < 0 or t - leg.t > leg.end)]
+        if not around:
+            raise ValueError(f"t: found {t.str(10)} s; expected times within 0 .. {self.mechanism.t_end.str(10)} s")
         hull, *others = ([f(t - leg.t) for f in leg.state] for leg in around)
         for other in others:
             hull = [a.union(b) for a, b in zip(hull, other)]
@@ -357,7 +328,7 @@ class ProvenMotion:
 
     def derivative(self) -> arb_mat:
         """Derivative of the end state by the start, on the set of starts."""
-        total = identity(2 * len(self.mechanism.q))
+        total = identity(len(self.end.centre))
         for step in self.steps:
             total = step.derivative * total
         return total
@@ -372,12 +343,7 @@ class ProvenMotion:
 def prove(mechanism: ProvableMechanism, precision: Precision, start: StateSet | None = None) -> ProvenMotion:
     """Enclose the motion from t = 0 to its end; from all states of `start` where that is given.
 
-    Call it with `Precision.working`.
-
-    Raises
-    ------
-    Undecided
-        With the time and the reason.
+    Call it with `Precision.working`. Raises Undecided, with the time and the reason.
     """
     states = StateSet.box([*mechanism.q, *mechanism.v]) if start is None else start
     t, current, h, steps = arb(0), mechanism.start(), _LONGEST / 4, []

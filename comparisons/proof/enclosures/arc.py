@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from flint import arb, arb_mat, arb_poly, arb_series
 
@@ -78,8 +79,9 @@ def _variation(slopes: list[list[arb]], step: arb) -> arb_mat:
     raise TooLong("no enclosure of the variational equation")
 
 
-def _closed(series: Sequence[arb], remainder: arb, order: int) -> arb_poly:
-    return arb_poly([*series[:order], remainder])
+def _closed(fine: Sequence[Any], wide: Sequence[Any]) -> list[Any]:
+    """Coefficients of a Taylor polynomial, the last one of those of the whole stretch: Lagrange's remainder."""
+    return [*fine[:-1], wide[-1]]
 
 
 @dataclass(frozen=True)
@@ -112,8 +114,7 @@ class Arc:
 
     def polynomials(self, start: Expansion | None = None) -> list[arb_poly]:
         """The state of all of the set, or of the solution with another expansion from within it."""
-        N = self.order
-        return [_closed(fine, wide[N], N) for fine, wide in zip((start or self.fine).state, self.wide.state)]
+        return [arb_poly(_closed(*pair)) for pair in zip((start or self.fine).state, self.wide.state)]
 
     def one(self, t: arb, start: Sequence[arb]) -> Expansion:
         """Expansion of the solution from a start within the set (t and the start are thinner balls)."""
@@ -121,9 +122,8 @@ class Arc:
 
     def jacobian(self, tau: arb) -> arb_mat:
         """Derivatives of (q, v) at t + tau by the start."""
-        N = self.order
-        return arb_mat([[_closed(fine, wide[N], N)(tau) for fine, wide in zip(*rows)]
-                        for rows in zip(self.fine.variation, self.wide.variation)])
+        powers, indices = _closed(self.fine.variation, self.wide.variation), range(len(self.fine.state))
+        return arb_mat([[arb_poly([E[i, j] for E in powers])(tau) for j in indices] for i in indices])
 
     def functions(self, along: Callable[[arb, int, Sequence[Value], Sequence[Value], Sequence[Value]],
                                         Sequence[Sequence[arb_series]]],
@@ -134,5 +134,5 @@ class Arc:
         for expansion, instant in ((start or self.fine, begin), (self.wide, throughout)):
             q, v = halves(expansion.series(N + 1))
             groups.append(along(instant, N + 1, q, v, self.timed(instant, N + 1)(q, v)))
-        return [[_closed([fine[k] for k in range(N)], wide[N], N) for fine, wide in zip(*pair)]
-                for pair in zip(*groups)]
+        return [[arb_poly(_closed(*([f[k] for k in range(N + 1)] for f in pair))) for pair in zip(*group)]
+                for group in zip(*groups)]

@@ -99,7 +99,7 @@ def halves(state: Sequence[Any]) -> tuple[Sequence[Any], Sequence[Any]]:
 
 def identity(size: int) -> arb_mat:
     """The unit matrix."""
-    return arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
+    return arb_mat(size, size, 1)
 
 
 def constants(values: Sequence[arb]) -> list[arb_series]:
@@ -126,31 +126,25 @@ class Expansion:
     ----------
     state : list of list of arb
         By component of (q, v) and power of time.
-    variation : list of list of list of arb
-        Derivatives of the state by the start: by component, component of the start and power. Empty if not requested.
+    variation : list of arb_mat
+        Derivatives of the state by the start, by power of time. Empty if not requested.
     """
 
     state: list[list[arb]]
-    variation: list[list[list[arb]]]
+    variation: list[arb_mat]
 
     def series(self, order: int) -> list[arb_series]:
         """The state as power series of `order` coefficients."""
         return [arb_series(coefficients, order) for coefficients in self.state]
 
 
-def expand(equation: Equation, start: Sequence[arb], order: int,
-           variation: arb_mat | None = None) -> Expansion:
-    """Coefficients 0 .. order of the solution from a start (q, v), and with `variation` of the variational equation.
+def expand(equation: Equation, start: Sequence[arb], order: int, variation: arb_mat | None = None) -> Expansion:
+    """Coefficients 0 .. order of the solution from a start (q, v); of the variational equation from `variation` too.
 
     From coefficients 0 .. k of q and v the equation gives coefficient k of q'', which is k + 1 times coefficient k + 1
     of v (R. E. Moore, Interval Analysis, 1966, ch. 11). The variational equation E' = B(t) E is linear: with the
     partial derivatives of the equation as power series along the solution,
     (k + 1) E[k + 1] = B[0] E[k] + ... + B[k] E[0].
-
-    Parameters
-    ----------
-    variation
-        The derivatives of (q, v) by the start at the start, 2n x 2n.
     """
     found = Expansion([[value] for value in start], [])
     for k in range(order):
@@ -158,19 +152,19 @@ def expand(equation: Equation, start: Sequence[arb], order: int,
         for position, velocity, acceleration in zip(*halves(found.state), accelerations):
             position.append(velocity[k] / (k + 1))
             velocity.append(acceleration[k] / (k + 1))
-    if variation is None:
-        return found
-    size, B, E = len(start), _variational(equation, found.series(order)), [variation]
-    for k in range(order):
-        E.append(sum((B[i] * E[k - i] for i in range(k + 1)), arb_mat(size, size)) * (arb(1) / (k + 1)))
-    powers = [[[power[i, j] for power in E] for j in range(size)] for i in range(size)]
-    return Expansion(found.state, powers)
+    if variation is not None:
+        B, E = _variational(equation, found.series(order)), found.variation
+        E.append(variation)
+        for k in range(order):
+            products = (B[i] * E[k - i] for i in range(k + 1))
+            E.append(sum(products, arb_mat(len(start), len(start))) * (arb(1) / (k + 1)))
+    return found
 
 
 def _variational(equation: Equation, state: Sequence[arb_series]) -> list[arb_mat]:
     """Coefficients B by power of time of E' = B E, B = [[0, 1], df/d(q, v)]."""
-    n = len(state) // 2
-    positions = [[int(j == n + i) for j in range(2 * n)] for i in range(n)]
+    size = len(state)
     _, gradients = partials(equation, state)
-    return [arb_mat([[unit * int(k == 0) for unit in row] for row in positions]
-                    + [[g[k] for g in gradient] for gradient in gradients]) for k in range(state[0].prec)]
+    rates = [[[int(k == 0 and j == i + size // 2) for j in range(size)] for i in range(size // 2)]
+             for k in range(state[0].prec)]
+    return [arb_mat(above + [[g[k] for g in gradient] for gradient in gradients]) for k, above in enumerate(rates)]

@@ -15,18 +15,10 @@ from stiction.scenes import Scene
 
 @dataclass(frozen=True)
 class Next:
-    """The mode from an instant on.
+    """The mode from an instant on, after an event of a kind: "slip", "stick", "reversal" or "corner".
 
-    Attributes
-    ----------
-    mode : Hashable
-        Its name.
-    zeros : Mapping[int, int]
-        By guard: how many of its derivatives, the value included, are zero at that instant (0 if not named).
-    kind : str
-        Of the event: "slip", "stick", "reversal" or "corner".
-    smooth : bool
-        Whether the accelerations do not jump.
+    By guard, `zeros` is how many of its derivatives, the value included, are zero at that instant (0 if not named).
+    Where it is `smooth` the accelerations do not jump.
     """
 
     mode: Hashable
@@ -38,14 +30,7 @@ class Next:
 class ProvableMechanism(ABC):
     """q'' = f(t, q, q') within each mode, and guards that are positive while the mode lasts; balls and power series.
 
-    Attributes
-    ----------
-    q, v : list of arb
-        At t = 0.
-    t_end : arb
-        Seconds.
-    joint : str
-        The guide whose events are shown, where there is one.
+    q and v are those at t = 0; `joint` is the guide whose events are shown, where there is one.
     """
 
     q: list[arb]
@@ -56,13 +41,7 @@ class ProvableMechanism(ABC):
     @classmethod
     @abstractmethod
     def from_scene(cls, scene: Scene) -> ProvableMechanism:
-        """Parameters of a scene, exact, at the working precision.
-
-        Raises
-        ------
-        NotThisMechanism
-            Naming what keeps the scene from being this mechanism.
-        """
+        """Parameters of a scene, at the working precision; raises NotThisMechanism with what keeps it from being one."""
 
     @abstractmethod
     def timed(self, mode: Hashable) -> Timed:
@@ -75,13 +54,7 @@ class ProvableMechanism(ABC):
 
     @abstractmethod
     def start(self) -> Next:
-        """The mode at t = 0.
-
-        Raises
-        ------
-        Undecided
-            If it is not proven.
-        """
+        """The mode at t = 0; raises Undecided if it is not proven."""
 
     @abstractmethod
     def after(self, mode: Hashable, guard: int, t: arb, q: list[arb], v: list[arb]) -> Next:

@@ -181,7 +181,7 @@ class Trammel(ProvableMechanism):
         moments = m * ly + mx * L, m * lx + my * L
         torque, loads = reader.loads("torques")
         found = cls(balls((lx, ly)), balls(inertia), balls(moments), (m + mx + my).ball, balls(reader.gravity()),
-                    friction, torque.ball, loads, [p.ball], [rate.ball], reader.exact("t_end").ball)
+                    friction, torque.ball, loads, [p.ball], [rate.ball], reader("t_end").ball)
         across = [reader.body(name, part, i) for name, i in (("slider-x", 1), ("slider-y", 0))
                   for part in ("position", "velocity")]
         turns = [reader.body(name, part) for name in SLIDERS for part in ("angle", "angular_velocity")]

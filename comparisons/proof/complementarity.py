@@ -20,7 +20,6 @@ arithmetic.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 from flint import fmpq, fmpq_mat
@@ -33,19 +32,10 @@ _MOST_CHOICES, _MOST_PIVOTS = 300, 40
 
 @dataclass(frozen=True)
 class Verdict:
-    """A decision on a problem, with its proof.
+    """A decision on a problem, `SOLVED`, `NONE` or `OPEN`, with its proof.
 
-    Attributes
-    ----------
-    decided : str
-        `SOLVED`, `NONE` or `OPEN`.
-    y, x : tuple of fmpq
-        An exact solution; empty if there is none.
-    isolated : bool
-        Whether no other solution is near it: one of each pair is positive (of those not eliminated) and its system
-        regular.
-    refutations : tuple of Refutation
-        Where there is no solution: their branches together are all choices.
+    Either an exact solution y, x, `isolated` where no other one is near: one of each pair is positive (of those not
+    eliminated) and its system regular. Or refutations, whose branches together are all choices.
     """
 
     decided: str
@@ -63,19 +53,9 @@ class Refutation:
     vector: tuple[fmpq, ...]
 
 
-def rational(value: float) -> fmpq:
-    """The number that a float is."""
-    exact = Fraction(value)
-    return fmpq(exact.numerator, exact.denominator)
-
-
-def to_float(value: fmpq) -> float:
-    """The float nearest to a number."""
-    return float(Fraction(int(value.p), int(value.q)))
-
-
 def _matrix(values: np.ndarray) -> fmpq_mat:
-    return fmpq_mat([[rational(float(x)) for x in row] for row in values])
+    """The rational numbers that floats are."""
+    return fmpq_mat([[fmpq(*x.as_integer_ratio()) for x in row] for row in values.tolist()])
 
 
 class _Reduced:
@@ -87,13 +67,12 @@ class _Reduced:
         self.pairs = [i for i in range(n) if i not in self.free]
         self.y, self.x, self.b = _matrix(problem.A0), _matrix(-problem.A1), _matrix(problem.b[:, None])
         k = len(self.free)
-        form, _ = fmpq_mat([[self.y[r, i] for i in self.free] + [fmpq(int(r == j)) for j in range(n)]
-                            for r in range(n)]).rref()
-        rows = [[form[r, k + j] for j in range(n)] for r in range(n) if all(form[r, j] == 0 for j in range(k))]
-        self.rows = fmpq_mat(len(rows), n, [value for row in rows for value in row])
+        form, _ = fmpq_mat([[row[i] for i in self.free] + [int(r == j) for j in range(n)]
+                            for r, row in enumerate(self.y.tolist())]).rref()
+        rows = [row[k:] for row in form.tolist() if not any(row[:k])]
+        self.rows = fmpq_mat(len(rows), n, sum(rows, []))
         self.right, sides = self.rows * self.b, ((1, self.rows * self.x), (-1, self.rows * self.y))
-        self.columns = {(i, side): [matrix[r, i] for r in range(len(rows))] for i in self.pairs
-                        for side, matrix in sides}
+        self.columns = {(i, side): [row[i] for row in matrix.tolist()] for i in self.pairs for side, matrix in sides}
 
 
 Choice = dict[int, int]
@@ -138,8 +117,7 @@ def _values(reduced: _Reduced, choice: Choice) -> tuple[list[fmpq] | None, bool]
     n = reduced.n
     system = [[(reduced.x if choice.get(i) == 1 else reduced.y)[r, i] for i in range(n)] for r in range(n)]
     try:
-        solution = fmpq_mat(system).solve(reduced.b)
-        return [solution[i, 0] for i in range(n)], True
+        return fmpq_mat(system).solve(reduced.b).entries(), True
     except ZeroDivisionError:
         order = [*reduced.free, *reduced.pairs]
     form, rank = fmpq_mat([[system[r][i] for i in order] + [reduced.b[r, 0]] for r in range(n)]).rref()
@@ -154,8 +132,7 @@ def _values(reduced: _Reduced, choice: Choice) -> tuple[list[fmpq] | None, bool]
 
 def _accepted(reduced: _Reduced, choice: Choice, values: list[fmpq], regular: bool) -> Verdict:
     """The solution of nonnegative values (of pairs that are not eliminated)."""
-    y = [fmpq(0)] * reduced.n
-    x = [fmpq(0)] * reduced.n
+    y, x = [fmpq(0)] * reduced.n, [fmpq(0)] * reduced.n
     for i, value in enumerate(values):
         (x if choice.get(i) == 1 or i in reduced.free and value < 0 else y)[i] = abs(value)
     return Verdict(SOLVED, tuple(y), tuple(x), regular and all(values[i] > 0 for i in reduced.pairs))
@@ -173,7 +150,7 @@ def _search(reduced: _Reduced) -> Verdict:
         point, vector = _feasible([reduced.columns[key] for key in allowed], reduced.right)
         if vector is not None:
             full = fmpq_mat([vector]) * reduced.rows
-            refutations.append(Refutation(tuple(sorted(choice.items())), tuple(full[0, j] for j in range(reduced.n))))
+            refutations.append(Refutation(tuple(sorted(choice.items())), tuple(full.entries())))
             continue
         values = dict(zip(allowed, point))
         guess = {i: 1 if values.get((i, 1), 0) > values.get((i, -1), 0) else -1 for i in reduced.pairs}

@@ -27,10 +27,7 @@ class TooWide(StictionError, ArithmeticError):
 def provable(scene: Scene) -> ProvableMechanism:
     """The scene as a mechanism whose motion can be proven, its numbers at the working precision.
 
-    Raises
-    ------
-    NotThisMechanism
-        With what keeps it from being each of them.
+    Raises NotThisMechanism, with what keeps it from being each of them.
     """
     reasons = []
     for mechanism in MECHANISMS:
@@ -44,12 +41,7 @@ def provable(scene: Scene) -> ProvableMechanism:
 def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
     """Enclose a scene's motion: positions and velocities (at the ends of steps) and times of events to 10^-digits.
 
-    Parameters
-    ----------
-    scene
-        Its numbers count as they are written.
-    digits
-        Decimal places, in m, rad, m/s, rad/s and s.
+    The numbers of the scene count as they are written; digits are decimal places, in m, rad, m/s, rad/s and s.
 
     Raises
     ------

@@ -14,6 +14,7 @@ leads to.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from fractions import Fraction
 
 import numpy as np
@@ -28,7 +29,6 @@ from stiction.comparisons.truth.reduced.steady_state import SteadyState, steady_
 from stiction.scenes import Scene, StictionError, vary
 
 _DIGITS = 24
-_MOST_PLACES = 24
 _REFINEMENTS = 6
 _PERIODS = 200
 """Periods that the motion from the scene's start may take to come into B."""
@@ -45,7 +45,7 @@ class ProvenSteadyState:
     Attributes
     ----------
     F0 : Fraction
-        Amplitude of the load, N, exact.
+        Amplitude of the load, N.
     period : arb
         n T, s; `count` is n.
     state : tuple of arb
@@ -56,8 +56,6 @@ class ProvenSteadyState:
         After so many n T the motion from the scene's start is in B.
     events : tuple of ProvenEvent
         Of one period; `sticks` where it has a stick phase.
-    precision : Precision
-        Of the proof, for `digits` decimal places.
     """
 
     F0: Fraction
@@ -100,12 +98,9 @@ class ProvenThreshold:
 
 
 def decimal(number: Fraction) -> str:
-    """A decimal fraction in full; any other one as a quotient."""
-    for places in range(_MOST_PLACES):
-        if (number * 10 ** places).denominator == 1:
-            digits = str(int(number * 10 ** places)).zfill(places + 1)
-            return f"{digits[:-places]}.{digits[-places:]}" if places else digits
-    return f"{number.numerator}/{number.denominator}"
+    """Write a decimal fraction in full; any other one as a quotient."""
+    text = f"{Decimal(number.numerator) / number.denominator:f}"
+    return text if Fraction(text) == number else str(number)
 
 
 def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
@@ -143,20 +138,13 @@ def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
 
 def at_amplitude(scene: Scene, F0: Fraction) -> Scene:
     """The scene with an exact amplitude of its load."""
-    ((load, _),) = scene.forces.items()
-    return vary(scene, {f"forces.{load}.law.amplitude": f"{F0.numerator}/{F0.denominator}"})
+    [load] = scene.forces
+    return vary(scene, {f"forces.{load}.law.amplitude": str(F0)})
 
 
 def _mechanism(scene: Scene, count: int) -> SlidingMass:
-    """The slider-bar over n = count common periods T of bar and load; their frequencies have a rational ratio.
-
-    Raises
-    ------
-    NotProven
-        Where the ratio is not known to be rational.
-    """
-    e = ExactScene(scene)
-    ((drive, _),), ((load, _),) = scene.drives.items(), scene.forces.items()
+    """The slider-bar over n = count common periods T of bar and load; raises NotProven where they have none."""
+    e, [drive], [load] = ExactScene(scene), scene.drives, scene.forces
     rate, frequency = e("drives", drive, "law", "rate"), e("forces", load, "law", "frequency")
     ratio = (frequency / rate).factors
     if ratio is None or ratio[1] != 0:
@@ -200,14 +188,7 @@ def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, precisio
               digits: int = _DIGITS) -> ProvenSteadyState:
     """The steady state at an amplitude F0, with B given: both inequalities, and that the start leads into B.
 
-    Call it with `Precision.working`.
-
-    Raises
-    ------
-    NotProven
-        Where an inequality does not hold, or the start does not lead into B.
-    Undecided
-        Where the contact mode cannot be proven for all of B.
+    Call it with `Precision.working`. Raises NotProven where that does not hold, Undecided as `proven_threshold`.
     """
     mechanism, centre, frame = _mechanism(scene, count), list(states.centre), states.frame
     inverse, radius = frame.inv(), min((size.rad() for size in states.size), key=float)

@@ -26,7 +26,7 @@ from stiction.comparisons.proof.certificate import (Claims, Failure, Format, Not
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.motion import Precision, StateSet
 from stiction.comparisons.proof.threshold import (NotProven, ProvenSteadyState, ProvenThreshold, at_amplitude, decimal,
-                                                     proven_on)
+                                                  proven_on)
 from stiction.scenes import Scene, scene_from_dict, scene_to_toml
 
 _MORE_DIGITS = 6
@@ -54,7 +54,7 @@ def _claimed(end: ProvenSteadyState) -> ProvenSteadyState:
 
 def _end(end: ProvenSteadyState) -> Claims:
     with end.precision.working():
-        return {"F0 [N]": f"{end.F0.numerator}/{end.F0.denominator}", "F0, decimal": decimal(end.F0),
+        return {"F0 [N]": str(end.F0), "F0, decimal": decimal(end.F0),
                 "stick phase": end.sticks, "digits": end.digits, "count": end.count,
                 "centre": [exact_text(x) for x in end.states.centre], "frame": matrix_texts(end.states.frame),
                 "radius": exact_text(end.states.size[0].rad()), "state": [ball_texts(x) for x in end.state],
@@ -80,13 +80,7 @@ def _failures(claims: Claims) -> Iterator[Failure]:
 
 
 def _proven_again(end: Claims, scene: Scene, F0: Fraction) -> ProvenSteadyState:
-    """The claims of an end, proven.
-
-    Raises
-    ------
-    NotProven, Undecided
-        With the claim that is not proven again.
-    """
+    """The claims of an end, proven; raises NotProven or Undecided, with what is not proven again."""
     digits, count = int(end["digits"]), int(end["count"])
     if not (1 <= digits <= _MOST_DIGITS and count >= 1):
         raise NotACertificate(f"digits, count: found {digits}, {count}; expected 1 .. {_MOST_DIGITS} and at least 1")

@@ -16,7 +16,8 @@ from __future__ import annotations
 import sys
 import tomllib
 from collections.abc import Collection, Iterator, Sequence
-from itertools import takewhile
+from contextlib import suppress
+from itertools import product, takewhile
 from math import ceil, log10
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from stiction.comparisons.proof.certificate import Claims, Failure, Format, NotA
 from stiction.comparisons.proof.enclosures.exact import NotComparable
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.motion import ProvenMotion
+from stiction.comparisons.proof.motion import ProvenEvent, ProvenMotion
 from stiction.comparisons.proof.proving import MECHANISMS, TooWide, provable, prove_scene
 from stiction.comparisons.proof.theorems import DATA
 from stiction.comparisons.proof.truth import SUFFIX, certificates, motion_digest
@@ -48,13 +49,7 @@ _AT_ONCE = 1e-12
 
 
 def truth_certificate(scene: Scene) -> Claims:
-    """Claims about a scene's motion, as the tables of a JSON file.
-
-    Raises
-    ------
-    NotThisMechanism, Undecided, TooWide, NotComparable
-        Where nothing is proven, see `prove_scene`.
-    """
+    """Return the claims about a scene's motion; raises as `prove_scene`, and NotComparable."""
     motion, text = prove_scene(scene, DIGITS), scene_to_toml(scene)
     with motion.precision.working():
         starts = [float(leg.t.mid()) for leg in motion.legs]
@@ -62,14 +57,15 @@ def truth_certificate(scene: Scene) -> Claims:
         legs = [leg for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end]) if start < end]
         columns = legs[0].bodies
         derivatives = _derivatives(columns)
-        claims = {"format": FORMAT.name, "scene": scene.name, "digest": motion_digest(text), "file": text, "digits": DIGITS,
-                  "t_end": scene.t_end, "starts": [float(leg.t.mid()) for leg in legs], "derivatives": derivatives,
+        claims = {"format": FORMAT.name, "scene": scene.name, "digest": motion_digest(text), "file": text,
+                  "digits": DIGITS, "t_end": scene.t_end, "starts": [float(leg.t.mid()) for leg in legs],
+                  "derivatives": derivatives,
                   "coefficients": {name: [_floats(leg.bodies[name], _upper(leg.end)) for leg in legs]
                                    for name in columns if name not in derivatives}}
         claims["errors"] = {name: error * _SLACK for name, error in _errors(claims, motion).items()}
         events = _events(motion, scene)
-        claims["events"] = [[kind, joint, float(time.mid())] for kind, joint, time in events]
-        width = max((_upper(time.rad()) for _, _, time in events), default=0.0)
+        claims["events"] = [[event.kind, event.joint, float(event.time.mid())] for event in events]
+        width = max((_upper(event.time.rad()) for event in events), default=0.0)
         claims["event time"] = width * _SLACK + _ROUNDING * scene.t_end
         return claims
 
@@ -90,9 +86,9 @@ def _failures(claims: Claims) -> Iterator[Failure]:
             if not error <= claims["errors"][name]:
                 yield Failure(-1, f"{name}: off by up to {error:.3g}; claimed {claims['errors'][name]:.3g}")
         found, listed, width = _events(motion, scene), claims["events"], claims["event time"]
-        if [(kind, joint) for kind, joint, _ in found] != [(kind, joint) for kind, joint, _ in listed]:
+        if [(event.kind, event.joint) for event in found] != [(kind, joint) for kind, joint, _ in listed]:
             yield Failure(-1, "other events")
-        elif not all(abs(time - near) <= width for (_, _, time), (_, _, near) in zip(found, listed)):
+        elif not all(abs(event.time - near) <= width for event, (_, _, near) in zip(found, listed)):
             yield Failure(-1, "the time of an event is not within its interval")
 
 
@@ -138,22 +134,22 @@ def _rounding(polynomial: arb_poly, length: float) -> float:
 
 def _derivatives(columns: Collection[str]) -> dict[str, str]:
     """Columns that are the rates of others."""
-    parts = {name: name.rpartition(".") for name in columns}
-    found = {f"{element}.{_RATES[part]}": name for name, (element, _, part) in parts.items() if part in _RATES}
-    return {rate: name for rate, name in found.items() if rate in parts}
+    parts = ((name, *name.rpartition(".")) for name in columns)
+    rates = {f"{element}.{_RATES.get(part)}": name for name, element, _, part in parts}
+    return {rate: name for rate, name in rates.items() if rate in columns}
 
 
-def _events(motion: ProvenMotion, scene: Scene) -> list[tuple[str, str, arb]]:
-    """Kind, joint and time of the events that count; of corners of a guide within `_AT_ONCE` the last."""
-    kept: list[tuple[str, str, arb]] = []
+def _events(motion: ProvenMotion, scene: Scene) -> list[ProvenEvent]:
+    """The events that count; of corners of a guide within `_AT_ONCE` the last."""
+    kept: list[ProvenEvent] = []
     counted = rubbing_guides(scene)
     for event in motion.events:
         if event.joint not in counted:
             continue
-        if kept and kept[-1][:2] == (event.kind, event.joint) == ("corner", event.joint):
-            if not event.time - kept[-1][2] > _AT_ONCE:
-                kept.pop()
-        kept.append((event.kind, event.joint, event.time))
+        if (kept and kept[-1].kind == event.kind == "corner" and kept[-1].joint == event.joint
+                and not event.time - kept[-1].time > _AT_ONCE):
+            kept.pop()
+        kept.append(event)
     return kept
 
 
@@ -180,18 +176,15 @@ FORMAT = Format("stiction truth proof 1", "column", lambda claims: len(claims["e
 def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
     """Scenes of the catalogue whose motion can be proven, and the same with mus = mu, each once."""
     seen = set()
-    for name in names or catalogue():
-        for static in (True, False):
-            scene = physics_of(load_scene(name), static)
-            digest = motion_digest(scene_to_toml(scene))
-            try:
-                with working(64, 2):
-                    if digest in seen or scene.t_end > MECHANISMS[type(provable(scene))]:
-                        continue
-            except NotThisMechanism:
-                continue
-            seen.add(digest)
-            yield scene
+    for name, static in product(names or catalogue(), (True, False)):
+        scene = physics_of(load_scene(name), static)
+        digest = motion_digest(scene_to_toml(scene))
+        with suppress(NotThisMechanism):
+            with working(64, 2):
+                mechanism = type(provable(scene))
+            if digest not in seen and scene.t_end <= MECHANISMS[mechanism]:
+                seen.add(digest)
+                yield scene
 
 
 def certificate_path(claims: Claims) -> Path:

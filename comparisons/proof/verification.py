@@ -33,25 +33,11 @@ def judge(given: Answer, verdict: Verdict) -> str:
 
 
 def verified(solver: str, problems: str | Path | None = None) -> pd.DataFrame:
-    """Decide every problem of a set with a proof, and judge a solver by that.
+    """Decide every problem of a set with a proof, and judge a solver, ``"module:function"``, by that.
 
-    Parameters
-    ----------
-    solver : str
-        ``"module:function"``, as of `replay`.
-    problems
-        A file or folder; the set that comes with the suite where None.
-
-    Returns
-    -------
-    DataFrame
-        One row per class: problems; how many have a proven solution (isolated: no other one near), are proven to have
-        none, are not decided; how many verdicts contradict the stored outcome; the solver's judgements.
-
-    Raises
-    ------
-    WrongProof
-        If the test of a verdict fails.
+    `problems` is a file or folder, None the set that comes with the suite. The table has one row per class: problems;
+    how many have a proven solution (isolated: no other one near), are proven to have none, are not decided; how many
+    verdicts contradict the stored outcome; the solver's judgements. Raises WrongProof if a verdict fails its own test.
     """
     solve = load_solver(solver)
     rows = pd.DataFrame([_row(problem, solve) for problem in read_problems(problems)])

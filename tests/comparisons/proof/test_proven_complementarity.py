@@ -20,7 +20,7 @@ from stiction.comparisons.complementarity.exchange import read_folder, write_fol
 from stiction.comparisons.complementarity.problems import SOLVED as STORED_SOLUTION
 from stiction.comparisons.complementarity.problems import UNSOLVABLE, Problem, read_problems
 from stiction.comparisons.complementarity.replay import Answer, answer
-from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Refutation, Verdict, _feasible, decide, holds, rational
+from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Refutation, Verdict, _feasible, decide, holds
 from stiction.comparisons.proof.verification import judge, verified
 from stiction.engines import load_engine
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
@@ -57,7 +57,7 @@ def test_small_problems(M, q, expected):
 def test_solutions_are_exact():
     verdict = decide(lcp([[3]], [-1]))
     assert verdict.x == (fmpq(1, 3),) and verdict.y == (fmpq(0),) and verdict.isolated
-    assert rational(0.1) != fmpq(1, 10)  # the stored float, not what was meant
+    assert decide(lcp([[1]], [-0.1])).x == (fmpq(*0.1.as_integer_ratio()),) != (fmpq(1, 10),)  # the float, not what was meant
 
 
 def test_a_solution_that_is_not_isolated():

@@ -39,7 +39,7 @@ def test_all_positions_and_velocities_are_within_their_bounds(name, t_end):
             balls = motion.mechanism.bodies(instant, *motion.at(instant))
             assert set(found) == set(balls)
             for column, ball in balls.items():
-                assert abs(ball - float(found[column][0])) <= proven.columns.errors[column] < 1e-12, column
+                assert abs(ball - float(found[column][0])) <= proven.errors[column] < 1e-12, column
 
 
 def test_a_certificate_is_proven_again(told, tmp_path):

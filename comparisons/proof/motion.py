@@ -22,10 +22,11 @@ from math import isinf
 import numpy as np
 from flint import arb, arb_mat, arb_poly
 
-from stiction.comparisons.proof.enclosures.arc import Arc, Timed, partials_at
-from stiction.comparisons.proof.enclosures.series import Expansion, TooLong, halves, identity, working
+from stiction.comparisons.proof.enclosures.arc import Arc, partials_at
+from stiction.comparisons.proof.enclosures.series import (Expansion, Timed, TooLong, halves, identity, time_series,
+                                                          working)
 from stiction.comparisons.proof.enclosures.zeros import Undecided, Zero, first_zero, newton
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, time_series
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 
 _GRID = 2 ** 20
 """Steps end at multiples of 1/_GRID s."""
@@ -114,12 +115,12 @@ class Leg:
     @classmethod
     def of(cls, mechanism: ProvableMechanism, arc: Arc, end: arb, mode: Hashable) -> Leg:
         """The beginning of an arc."""
-        def bodies(instant, order, q, v, a):
-            return [list(mechanism.bodies(time_series(instant, order), q, v).values())]
+        def bodies(t, q, v, a):
+            return [list(mechanism.bodies(t, q, v).values())]
 
         names = mechanism.bodies(arc.t, *halves([coefficients[0] for coefficients in arc.fine.state]))
-        (columns,) = arc.functions(bodies)
-        return cls(arc.t, end, mode, tuple(arc.polynomials()), dict(zip(names, columns)))
+        (columns,) = arc.functions(bodies, arc.fine)
+        return cls(arc.t, end, mode, tuple(arc.polynomials(arc.fine)), dict(zip(names, columns)))
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,7 @@ class _Front:
     def advance(self, arc: Arc, one: Expansion, tau: arb, point_tau: arb) -> None:
         """Go on along an arc, by tau seconds; along the solution from the centre by others to the same event."""
         self.t, self.point_t = self.t + tau, self.point_t + point_tau
-        self.state = [f(tau) for f in arc.polynomials()]
+        self.state = [f(tau) for f in arc.polynomials(arc.fine)]
         self.point = [f(point_tau) for f in arc.polynomials(one)]
         self.derivative = arc.jacobian(tau) * self.derivative
 
@@ -210,10 +211,10 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
     end = _grid(t0, h, mechanism.t_end) if t1 is None else t1
     while True:
         mode = current.mode
-        arc, reach = _reaching(mechanism.timed(mode), front, end, precision.order, shorter=t1 is not None)
+        arc, reach = _reaching(partial(mechanism.equation, mode), front, end, precision.order, shorter=t1 is not None)
         mechanism.require_unique(mode, front.t + arb(0).union(arc.h), arc.enclosure)
         guards = partial(mechanism.guards, mode)
-        groups = arc.functions(guards)
+        groups = arc.functions(guards, arc.fine)
         remainder = max(remainder, _remainder(arc, groups, precision.remainder))
         zero = first_zero(groups, arc.t, arc.h, current.zeros)
         one = arc.one(front.point_t, front.point)
@@ -223,7 +224,7 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
             raise Undecided(f"more than {_MOST_LEGS} changes of mode within a step", front.t + zero.tau)
         else:
             tau = zero.tau
-            point_tau = newton(arc.functions(guards, one, front.point_t)[zero.group][zero.function], tau)
+            point_tau = newton(arc.functions(guards, one)[zero.group][zero.function], tau)
         legs.append(Leg.of(mechanism, arc, tau, mode))
         front.advance(arc, one, tau, point_tau)
         front.hold(mechanism.held(mode))
@@ -277,10 +278,11 @@ def _remainder(arc: Arc, groups: Sequence[Sequence[arb_poly]], largest: float) -
 def _jump(mechanism: ProvableMechanism, modes: tuple[Hashable, Hashable], front: _Front, zero: Zero,
           slope: arb) -> arb_mat:
     """S at a change of mode, with slope = dg/dt along the motion before the event."""
-    before, after = (mechanism.timed(mode)(front.t, 1) for mode in modes)
+    t = time_series(front.t, 1)
+    before, after = (mechanism.equation(mode, t) for mode in modes)
 
     def guard(q, v):
-        return [mechanism.guards(modes[0], front.t, 1, q, v, before(q, v))[zero.group][zero.function]]
+        return [mechanism.guards(modes[0], t, q, v, before(q, v))[zero.group][zero.function]]
 
     _, (gradient,) = partials_at(guard, front.state)
     rows, n = identity(len(front.state)).tolist(), len(front.state) // 2

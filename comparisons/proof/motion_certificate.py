@@ -20,8 +20,8 @@ from flint import arb
 
 from stiction.comparisons.proof.certificate import (Claims, Failure, Format, ball_texts, contains, decimals, exact_text,
                                                     matrix_texts, read_ball, read_ball_within, read_matrix, read_number)
-from stiction.comparisons.proof.enclosures.series import TooLong, halves
-from stiction.comparisons.proof.enclosures.zeros import Undecided
+from stiction.comparisons.proof.enclosures import NotProven
+from stiction.comparisons.proof.enclosures.series import halves
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 from stiction.comparisons.proof.motion import Precision, ProvenEvent, ProvenMotion, StateSet, take_step
 from stiction.comparisons.proof.proving import provable
@@ -117,7 +117,7 @@ def _differences(mechanism: ProvableMechanism, precision: Precision, claimed: li
     first = mechanism.start() if begin.t == 0 else Next(begin.mode)
     try:
         again = take_step(mechanism, begin.t, begin.start, first, 0.0, precision, end.t)
-    except (TooLong, Undecided) as error:
+    except NotProven as error:
         yield str(error)
         return
     changes = [(event["kind"], _read_mode(event["after"])) for event in claimed]

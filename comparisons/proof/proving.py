@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import ceil, log10
 
+from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.mechanisms.mechanism import ProvableMechanism
 from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
 from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
@@ -12,16 +13,12 @@ from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.mechanisms.trammel import Trammel
 from stiction.comparisons.proof.motion import Precision, ProvenMotion, prove
 from stiction.comparisons.truth.truth import NotThisMechanism
-from stiction.scenes import Scene, StictionError
+from stiction.scenes import Scene
 
 MECHANISMS: Mapping[type[ProvableMechanism], float] = {SlidingMass: 250.0, MovingGuide: 20.0, Trammel: 20.0,
                                                        Pendulum: 250.0}
 """Seconds of motion up to which a truth gets a proof: of a mass or pendulum in seconds, else in up to half a minute."""
 _ATTEMPTS = 4
-
-
-class TooWide(StictionError, ArithmeticError):
-    """Enclosures that stay wider than requested at every precision that was tried."""
 
 
 def provable(scene: Scene) -> ProvableMechanism:
@@ -47,10 +44,8 @@ def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
     ------
     NotThisMechanism
         If the scene is none of the mechanisms.
-    Undecided
-        Where something cannot be proven, with the time.
-    TooWide
-        If precision after precision does not help.
+    NotProven
+        `Undecided` with the time; or where enclosures stay wider at every precision that is tried.
     """
     asked = digits
     for _ in range(_ATTEMPTS):
@@ -61,4 +56,4 @@ def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
         if width <= 10.0 ** -digits:
             return motion
         asked += ceil(log10(width) + digits) + 2
-    raise TooWide(f"{scene.name}: found a width of {width:.2g} at {precision.bits} bits; expected 1e-{digits}")
+    raise NotProven(f"{scene.name}: found a width of {width:.2g} at {precision.bits} bits; expected 1e-{digits}")

@@ -20,22 +20,19 @@ from fractions import Fraction
 import numpy as np
 from flint import arb, arb_mat
 
+from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.exact import Exact, ExactScene
 from stiction.comparisons.proof.enclosures.series import identity
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.motion import Precision, ProvenEvent, ProvenMotion, StateSet, prove
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import SteadyState, steady_state, stick_threshold
-from stiction.scenes import Scene, StictionError, vary
+from stiction.scenes import Scene, vary
 
 _DIGITS = 24
 _REFINEMENTS = 6
 _PERIODS = 200
 """Periods that the motion from the scene's start may take to come into B."""
-
-
-class NotProven(StictionError, ArithmeticError):
-    """A step of the theorem that does not go through."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +176,7 @@ def _found(scene: Scene, near: SteadyState, F0: Fraction, precision: Precision) 
         states = StateSet(tuple(centre), frame, (arb(10.0 ** -exponent) * arb(0, 1),) * 2)
         try:
             return proven_on(scene, F0, near.periods, states, precision)
-        except (ArithmeticError, NotProven) as error:
+        except ArithmeticError as error:
             reason = str(error)
     raise NotProven(reason)
 

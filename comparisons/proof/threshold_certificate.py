@@ -23,10 +23,9 @@ from flint import arb
 from stiction.comparisons.proof.certificate import (Claims, Failure, Format, NotACertificate, ball_texts, contains,
                                                     decimals, exact_text, matrix_texts, read_ball, read_ball_within,
                                                     read_matrix, read_number)
-from stiction.comparisons.proof.enclosures.zeros import Undecided
+from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.motion import Precision, StateSet
-from stiction.comparisons.proof.threshold import (NotProven, ProvenSteadyState, ProvenThreshold, at_amplitude, decimal,
-                                                  proven_on)
+from stiction.comparisons.proof.threshold import ProvenSteadyState, ProvenThreshold, at_amplitude, decimal, proven_on
 from stiction.scenes import Scene, scene_from_dict, scene_to_toml
 
 _MORE_DIGITS = 6
@@ -73,14 +72,14 @@ def _failures(claims: Claims) -> Iterator[Failure]:
     for number, (name, F0) in enumerate(zip(ENDS, (low, high))):
         try:
             ends.append(_proven_again(claims[name], scene, F0))
-        except (NotProven, Undecided) as error:
+        except NotProven as error:
             yield Failure(number, str(error))
     if len(ends) == len(ENDS) and claims["theorem"] != ProvenThreshold(*ends).sentences():
         yield Failure(-1, "the sentences of the theorem differ from its tables")
 
 
 def _proven_again(end: Claims, scene: Scene, F0: Fraction) -> ProvenSteadyState:
-    """The claims of an end, proven; raises NotProven or Undecided, with what is not proven again."""
+    """The claims of an end, proven; raises NotProven, with what is not proven again."""
     digits, count = int(end["digits"]), int(end["count"])
     if not (1 <= digits <= _MOST_DIGITS and count >= 1):
         raise NotACertificate(f"digits, count: found {digits}, {count}; expected 1 .. {_MOST_DIGITS} and at least 1")

@@ -25,11 +25,10 @@ from flint import arb, arb_poly
 
 from stiction.comparisons.measures.scene_truth import rubbing_guides
 from stiction.comparisons.proof.certificate import Claims, Failure, Format, NotACertificate, write_certificate
-from stiction.comparisons.proof.enclosures.exact import NotComparable
+from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.series import working
-from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.motion import ProvenEvent, ProvenMotion
-from stiction.comparisons.proof.proving import MECHANISMS, TooWide, provable, prove_scene
+from stiction.comparisons.proof.proving import MECHANISMS, provable, prove_scene
 from stiction.comparisons.proof.theorems import DATA
 from stiction.comparisons.proof.truth import SUFFIX, certificates, motion_digest
 from stiction.comparisons.truth.truth import NotThisMechanism
@@ -49,7 +48,7 @@ _AT_ONCE = 1e-12
 
 
 def truth_certificate(scene: Scene) -> Claims:
-    """Return the claims about a scene's motion; raises as `prove_scene`, and NotComparable."""
+    """Return the claims about a scene's motion; raises as `prove_scene`."""
     motion, text = prove_scene(scene, DIGITS), scene_to_toml(scene)
     with motion.precision.working():
         starts = [float(leg.t.mid()) for leg in motion.legs]
@@ -78,7 +77,7 @@ def _failures(claims: Claims) -> Iterator[Failure]:
         return
     try:
         motion = prove_scene(scene, int(claims["digits"]) + _MORE_DIGITS)
-    except (Undecided, TooWide, NotComparable, NotThisMechanism) as error:
+    except (NotProven, NotThisMechanism) as error:
         yield Failure(-1, str(error))
         return
     with motion.precision.working():
@@ -198,7 +197,7 @@ def main(names: Sequence[str]) -> None:
     for scene in provable_scenes(names):
         try:
             claims = truth_certificate(scene)
-        except (Undecided, TooWide, NotComparable) as error:
+        except NotProven as error:
             print(f"{scene.name}: not proven: {error}")
             continue
         path = certificate_path(claims)

@@ -80,16 +80,15 @@ def _check(path: Path) -> None:
 
 def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> None:
     from stiction.comparisons.proof.certificate import write_certificate
-    from stiction.comparisons.proof.enclosures.exact import NotComparable
-    from stiction.comparisons.proof.enclosures.zeros import Undecided
+    from stiction.comparisons.proof.enclosures import NotProven
     from stiction.comparisons.proof.motion_certificate import motion_certificate
-    from stiction.comparisons.proof.proving import TooWide, prove_scene
+    from stiction.comparisons.proof.proving import prove_scene
     from stiction.scenes import load_scene, parse_override
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))
     try:
         motion = prove_scene(scene, digits)
-    except (Undecided, TooWide, NotComparable) as error:
+    except NotProven as error:
         raise ended(FAILED, f"{scene.name}: {error}") from None
     claims = motion_certificate(motion, scene, digits)
     print(f"{scene.name}: proven, {len(motion.steps)} steps, {claims['bits']} bits, order {claims['order']}, "
@@ -104,15 +103,15 @@ def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> No
 
 def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | None) -> None:
     from stiction.comparisons.proof.certificate import write_certificate
-    from stiction.comparisons.proof.enclosures.zeros import Undecided
-    from stiction.comparisons.proof.threshold import NotProven, proven_threshold
+    from stiction.comparisons.proof.enclosures import NotProven
+    from stiction.comparisons.proof.threshold import proven_threshold
     from stiction.comparisons.proof.threshold_certificate import threshold_certificate
     from stiction.scenes import load_scene, parse_override
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))
     try:
         found = proven_threshold(scene, places)
-    except (Undecided, NotProven) as error:
+    except NotProven as error:
         raise ended(FAILED, f"{scene.name}: {error}") from None
     claims = threshold_certificate(found, scene)
     for sentence in claims["theorem"]:

@@ -16,13 +16,14 @@ from typing import Any
 
 from flint import arb, fmpq
 
-from stiction.scenes import Scene, StictionError
+from stiction.comparisons.proof.enclosures import NotProven
+from stiction.scenes import Scene
 from stiction.scenes.expressions import evaluate
 
 _MOST_FACTORS = 64
 
 
-class NotComparable(StictionError, ArithmeticError):
+class NotComparable(NotProven):
     """Two numbers of a scene that may be equal: their balls overlap."""
 
 

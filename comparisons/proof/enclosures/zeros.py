@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from flint import arb, arb_poly
 
-from stiction.scenes import StictionError
+from stiction.comparisons.proof.enclosures import NotProven
 
 _MOST_PIECES = 4000
 _MOST_NEWTON = 60
 
 
-class Undecided(StictionError, ArithmeticError):
+class Undecided(NotProven):
     """A course of events that cannot be proven in ball arithmetic: what was to be proven, and the time in s."""
 
     def __init__(self, reason: str, time: arb):

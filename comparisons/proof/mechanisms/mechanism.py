@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 from flint import arb, arb_series
 
-from stiction.comparisons.proof.enclosures.arc import APriori, Timed
-from stiction.comparisons.proof.enclosures.series import Value
+from stiction.comparisons.proof.enclosures.arc import APriori
+from stiction.comparisons.proof.enclosures.series import Equation, Value
 from stiction.scenes import Scene
 
 
@@ -44,11 +44,11 @@ class ProvableMechanism(ABC):
         """Parameters of a scene, at the working precision; raises NotThisMechanism with what keeps it from being one."""
 
     @abstractmethod
-    def timed(self, mode: Hashable) -> Timed:
-        """The equation of a mode."""
+    def equation(self, mode: Hashable, t: arb_series) -> Equation:
+        """The equation of a mode, with time as a power series."""
 
     @abstractmethod
-    def guards(self, mode: Hashable, instant: arb, order: int, q: Sequence[Value], v: Sequence[Value],
+    def guards(self, mode: Hashable, t: arb_series, q: Sequence[Value], v: Sequence[Value],
                a: Sequence[Value]) -> list[list[Value]]:
         """Groups of functions: the mode lasts while the largest of each group is positive."""
 
@@ -79,11 +79,6 @@ class ProvableMechanism(ABC):
     def bodies(self, t: Value, q: Sequence[Value], v: Sequence[Value]) -> dict[str, Value]:
         """`columns` with the positions and velocities of all bodies that move."""
         return self.columns(t, q, v)
-
-
-def time_series(t: arb, order: int) -> arb_series:
-    """Time as a power series about an instant."""
-    return arb_series([t, 1], order)
 
 
 @dataclass(frozen=True)

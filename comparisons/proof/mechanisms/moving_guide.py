@@ -74,7 +74,7 @@ class MovingGuide(OneSlider):
     def contact_loads(self, t, q, v, a):
         return self._loads(q, v, a[1])
 
-    def timed(self, mode: Mode):
+    def equation(self, mode: Mode, t):
         def acceleration(q: list[Value], v: list[Value]) -> list[Value]:
             turn = self._turn(q, v)
             if mode[0] == 0:
@@ -82,7 +82,7 @@ class MovingGuide(OneSlider):
             R, M, P = self._loads(q, v, turn)
             return [(P - self.contact.load(R, M, mode) * self.contact.friction(mode[0])) / self.m, turn]
 
-        return lambda instant, order: acceleration
+        return acceleration
 
     def require_unique(self, mode, t, bound=None) -> None:
         """Accelerations do not enter what friction depends on: one solution, by the a-priori enclosure."""

@@ -22,9 +22,9 @@ from dataclasses import dataclass
 from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.exact import ZERO, ExactScene
-from stiction.comparisons.proof.enclosures.series import Value, constants
+from stiction.comparisons.proof.enclosures.series import Value, constants, time_series
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, time_series
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 
 Mode = tuple[int, int, int]
 """Direction of slip (0: rest) and the signs of n1 and n2 (0, 0 at rest)."""
@@ -80,9 +80,9 @@ class OneSlider(ProvableMechanism):
                       a: Sequence[Value]) -> tuple[Value, Value, Value]:
         """R, M and P."""
 
-    def guards(self, mode: Mode, instant: arb, order: int, q, v, a):
+    def guards(self, mode: Mode, t: arb_series, q, v, a):
         slip, contact = mode[0], self.contact
-        R, M, P = self.contact_loads(time_series(instant, order), q, v, a)
+        R, M, P = self.contact_loads(t, q, v, a)
         if slip == 0:
             return [self._margins(R, M, P, s) for s in (1, -1)]
         guards = [] if contact.frictionless else [[(v[0] - self.surface) * slip]]
@@ -124,8 +124,8 @@ class OneSlider(ProvableMechanism):
 
     def _at(self, mode: Mode, t: arb, q: Sequence[arb], v: Sequence[arb]) -> list[list[arb]]:
         """Values of the guards of a mode in a state."""
-        q, v = constants(q), constants(v)
-        return [[f[0] for f in group] for group in self.guards(mode, t, 1, q, v, self.timed(mode)(t, 1)(q, v))]
+        q, v, now = constants(q), constants(v), time_series(t, 1)
+        return [[f[0] for f in group] for group in self.guards(mode, now, q, v, self.equation(mode, now)(q, v))]
 
     def _from_rest(self, t: arb, q: Sequence[arb], v: Sequence[arb], moved: bool) -> Next:
         """The mode at velocity zero relative to the surface."""

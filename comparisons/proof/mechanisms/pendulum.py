@@ -32,11 +32,11 @@ class Pendulum(ProvableMechanism):
     body: str
     joint: str = ""
 
-    def timed(self, mode: str):
+    def equation(self, mode, t):
         w2 = self.g / self.length
-        return lambda instant, order: lambda q, v: [q[0].sin() * -w2]
+        return lambda q, v: [q[0].sin() * -w2]
 
-    def guards(self, mode, t, order, q, v, a):
+    def guards(self, mode, t, q, v, a):
         return []
 
     def start(self) -> Next:

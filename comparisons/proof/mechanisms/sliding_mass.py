@@ -29,7 +29,7 @@ from stiction.comparisons.proof.enclosures.arc import APriori
 from stiction.comparisons.proof.enclosures.exact import ONE, ZERO, Exact
 from stiction.comparisons.proof.enclosures.series import Value, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import SineLoad, time_series
+from stiction.comparisons.proof.mechanisms.mechanism import SineLoad
 from stiction.comparisons.proof.mechanisms.one_slider import Contact, Mode, OneSlider
 from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, balls
 from stiction.comparisons.truth.structure import ANY, CENTRE, FORWARD, NEGATIVE, SEVERAL, Part, Structure
@@ -106,25 +106,20 @@ class SlidingMass(OneSlider):
     def contact_loads(self, t, q, v, a):
         return self._normal(t), self._moment(t, a[0]), self._load(t) - q[0] * self.stiffness - v[0] * self.damping
 
-    def timed(self, mode: Mode):
-        slip, e1, e2 = mode
-
-        def equation(instant: arb, order: int):
-            t, contact, zero = time_series(instant, order), self.contact, arb_series([0], order)
-            if slip == 0:
-                return lambda q, v: [zero]
-            friction, inertia = contact.friction(slip), arb_series([self.mass], order)
-            N = contact.load(self._normal(t), self._moment(t, zero), mode)
-            if e1 != e2:
-                inertia = inertia - friction * e2 * (2 / contact.length) * self.c * self._theta(t).sin()
-            factor = quotient(arb_series([1], order), inertia)
-            push = (self._load(t) - friction * N) * factor
-            stiffness, damping = factor * self.stiffness, factor * self.damping
-            if e1 == e2:
-                stiffness, damping = stiffness[0], damping[0]
-            return lambda q, v: [push - q[0] * stiffness - v[0] * damping]
-
-        return equation
+    def equation(self, mode: Mode, t: arb_series):
+        (slip, e1, e2), contact, zero = mode, self.contact, arb_series([0], t.prec)
+        if slip == 0:
+            return lambda q, v: [zero]
+        friction, inertia = contact.friction(slip), arb_series([self.mass], t.prec)
+        N = contact.load(self._normal(t), self._moment(t, zero), mode)
+        if e1 != e2:
+            inertia = inertia - friction * e2 * (2 / contact.length) * self.c * self._theta(t).sin()
+        factor = quotient(arb_series([1], t.prec), inertia)
+        push = (self._load(t) - friction * N) * factor
+        stiffness, damping = factor * self.stiffness, factor * self.damping
+        if e1 == e2:
+            stiffness, damping = stiffness[0], damping[0]
+        return lambda q, v: [push - q[0] * stiffness - v[0] * damping]
 
     def require_unique(self, mode: Mode, t: arb, bound: APriori | None = None) -> None:
         contact = self.contact

@@ -34,9 +34,9 @@ from itertools import product
 
 from flint import arb, arb_series
 
-from stiction.comparisons.proof.enclosures.series import Value, constants, quotient
+from stiction.comparisons.proof.enclosures.series import Value, constants, quotient, time_series
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad, time_series
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad
 from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, balls
 from stiction.comparisons.truth.reduced.trammel import TRAMMEL
 from stiction.comparisons.truth.structure import SEVERAL, Part
@@ -102,19 +102,16 @@ class Trammel(ProvableMechanism):
         push = weight - sine * cosine * rate * rate * K + lever_x * Rx[0] + lever_y * Ry[0]
         return push, sine * sine * K + J - lever_x * Rx[1] - lever_y * Ry[1]
 
-    def timed(self, mode: Mode):
-        def equation(instant: arb, order: int):
-            torque = sum((load(time_series(instant, order)) for load in self.loads), arb_series([self.torque], order))
+    def equation(self, mode: Mode, t: arb_series):
+        torque = sum((load(t) for load in self.loads), arb_series([self.torque], t.prec))
 
-            def acceleration(q: list[Value], v: list[Value]) -> list[Value]:
-                push, inertia = self._balance(q[0], v[0], mode)
-                return [quotient(push - torque, inertia)]
+        def acceleration(q: list[Value], v: list[Value]) -> list[Value]:
+            push, inertia = self._balance(q[0], v[0], mode)
+            return [quotient(push - torque, inertia)]
 
-            return acceleration
+        return acceleration
 
-        return equation
-
-    def guards(self, mode: Mode, t, order, q, v, a):
+    def guards(self, mode: Mode, t, q, v, a):
         turn, sx, sy, ex, ey = mode
         sine, cosine = q[0].sin(), q[0].cos()
         (Rx, Rx_a), (Ry, Ry_a) = self._reactions(sine, cosine, v[0], mode)
@@ -140,10 +137,10 @@ class Trammel(ProvableMechanism):
 
     def _pressed(self, turn: int, sx: int, sy: int, t: arb, q: list[arb], v: list[arb]) -> Mode:
         """The mode with the signs of Rx and Ry that are consistent: the only ones, as p'' is unique."""
-        q, v = constants(q), constants(v)
+        q, v, now = constants(q), constants(v), time_series(t, 1)
         for signs in _SIGNS:
             mode = (turn, sx, sy, *signs)
-            guards = self.guards(mode, t, 1, q, v, self.timed(mode)(t, 1)(q, v))
+            guards = self.guards(mode, now, q, v, self.equation(mode, now)(q, v))
             if all(group[0][0] > 0 for group in guards[_NORMALS:]):
                 return mode
         raise Undecided("which surfaces the sliders press on", t)

@@ -13,7 +13,7 @@ because every crossing is proven to be one, with a slope, for every state of the
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,8 +23,7 @@ import numpy as np
 from flint import arb, arb_mat, arb_poly
 
 from stiction.comparisons.proof.enclosures.arc import Arc, partials_at
-from stiction.comparisons.proof.enclosures.series import (Expansion, Timed, TooLong, halves, identity, time_series,
-                                                          working)
+from stiction.comparisons.proof.enclosures.series import TooLong, halves, identity, time_series, working
 from stiction.comparisons.proof.enclosures.zeros import Undecided, Zero, first_zero, newton
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 
@@ -32,7 +31,7 @@ _GRID = 2 ** 20
 """Steps end at multiples of 1/_GRID s."""
 _LONGEST = 0.5
 _SHORTEST = 1e-5
-_MOST_LEGS = 60
+_MOST_EVENTS = 60
 
 
 @dataclass(frozen=True)
@@ -95,8 +94,8 @@ class ProvenEvent:
     kind: str
     joint: str
     after: Hashable
-    q: tuple[arb, ...]
-    v: tuple[arb, ...]
+    q: list[arb]
+    v: list[arb]
 
 
 @dataclass(frozen=True)
@@ -174,96 +173,92 @@ class Precision:
 
 
 class _Front:
-    """All solutions from a set up to an instant, and the one from its centre: times, states, the map's derivative."""
+    """A step in progress: all solutions from a set up to an instant in a mode, and the one from the set's centre."""
 
-    def __init__(self, t: arb, start: StateSet, held: Mapping[int, arb]):
+    def __init__(self, mechanism: ProvableMechanism, t: arb, start: StateSet, first: Next):
+        self.mechanism, self.current = mechanism, first
         self.t = self.point_t = t
         self.state, self.point = start.hull(), list(start.centre)
         self.derivative = identity(len(self.state))
-        self.hold(held)
+        self.events: list[ProvenEvent] = []
+        self.legs: list[Leg] = []
+        self.remainder = 0.0
+        self._hold()
 
-    def hold(self, held: Mapping[int, arb]) -> None:
-        """Set the velocities that a mode prescribes, by coordinate; they do not depend on the start."""
+    def _hold(self) -> None:
+        """Set the velocities that the mode prescribes; they do not depend on the start."""
         n, rows = len(self.state) // 2, self.derivative.tolist()
-        for i, speed in held.items():
+        for i, speed in self.mechanism.held(self.current.mode).items():
             self.state[n + i] = self.point[n + i] = speed
             rows[n + i] = [arb(0)] * (2 * n)
         self.derivative = arb_mat(rows)
 
-    def advance(self, arc: Arc, one: Expansion, tau: arb, point_tau: arb) -> None:
-        """Go on along an arc, by tau seconds; along the solution from the centre by others to the same event."""
-        self.t, self.point_t = self.t + tau, self.point_t + point_tau
-        self.state = [f(tau) for f in arc.polynomials(arc.fine)]
-        self.point = [f(point_tau) for f in arc.polynomials(one)]
-        self.derivative = arc.jacobian(tau) * self.derivative
-
-
-def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Next, h: float, precision: Precision,
-              t1: arb | None = None) -> Step:
-    """Enclose a step of about h seconds after its last event, to the end of the motion at most; to t1 where given.
-
-    A step to t1 that was found as two stretches about an event may be too long for one: it is taken in halves then.
-
-    Raises TooLong where it gets no enclosure, Undecided where something is not proven.
-    """
-    front, current = _Front(t0, start, mechanism.held(first.mode)), first
-    events, legs, remainder = [], [], 0.0
-    end = _grid(t0, h, mechanism.t_end) if t1 is None else t1
-    while True:
-        mode = current.mode
-        arc, reach = _reaching(partial(mechanism.equation, mode), front, end, precision.order, shorter=t1 is not None)
-        mechanism.require_unique(mode, front.t + arb(0).union(arc.h), arc.enclosure)
+    def advance(self, end: arb, precision: Precision, shorter: bool) -> bool:
+        """Go on to the next change of mode or to `end`, nearer if it may be shorter; returns whether that is reached."""
+        mechanism, mode, t = self.mechanism, self.current.mode, self.t
+        arc, reach = self._arc(end, precision.order, shorter)
+        mechanism.require_unique(mode, t + arb(0).union(arc.h), arc.enclosure)
         guards = partial(mechanism.guards, mode)
         groups = arc.functions(guards, arc.fine)
-        remainder = max(remainder, _remainder(arc, groups, precision.remainder))
-        zero = first_zero(groups, arc.t, arc.h, current.zeros)
-        one = arc.one(front.point_t, front.point)
+        self.remainder = max(self.remainder, _remainder(arc, groups, precision.remainder))
+        zero = first_zero(groups, t, arc.h, self.current.zeros)
+        one = arc.one(self.point_t, self.point)
         if zero is None:
-            tau, point_tau = reach - front.t, reach - front.point_t
-        elif len(legs) == _MOST_LEGS:
-            raise Undecided(f"more than {_MOST_LEGS} changes of mode within a step", front.t + zero.tau)
+            tau, point_tau = reach - t, reach - self.point_t
         else:
             tau = zero.tau
             point_tau = newton(arc.functions(guards, one)[zero.group][zero.function], tau)
-        legs.append(Leg.of(mechanism, arc, tau, mode))
-        front.advance(arc, one, tau, point_tau)
-        front.hold(mechanism.held(mode))
-        if zero is None and not reach < end:
-            return Step(t0, end, start, front.point, front.derivative, tuple(events), tuple(legs), remainder)
+        self.legs.append(Leg.of(mechanism, arc, tau, mode))
+        self.t, self.point_t = t + tau, self.point_t + point_tau
+        self.state = [f(tau) for f in arc.polynomials(arc.fine)]
+        self.point = [f(point_tau) for f in arc.polynomials(one)]
+        self.derivative = arc.jacobian(tau) * self.derivative
+        self._hold()
         if zero is None:
-            current = Next(mode)
-            continue
-        current = mechanism.after(mode, zero.group, front.t, *halves(front.state))
-        if not current.smooth:
-            slope = groups[zero.group][zero.function].derivative()(tau)
-            front.derivative = _jump(mechanism, (mode, current.mode), front, zero, slope) * front.derivative
-        front.hold(mechanism.held(current.mode))
-        q, v = halves(front.state)
-        time = _wider(front.t, precision.margin)
-        joint = mechanism.event_joint(mode, current.mode)
-        events.append(ProvenEvent(time, current.kind, joint, current.mode, tuple(q), tuple(v)))
-        if t1 is None:
-            end = _grid(front.t, h, mechanism.t_end)
-        elif not front.t < end:
-            raise Undecided("a change of mode at the end of a step", front.t)
+            self.current = Next(mode)
+            return not reach < end
+        self._change(zero, groups[zero.group][zero.function].derivative()(tau), precision.margin)
+        return False
 
+    def _arc(self, end: arb, order: int, shorter: bool) -> tuple[Arc, arb]:
+        """Enclose an arc to `end`; if it may be shorter, half as far until it has an enclosure, and where it ends."""
+        while True:
+            length = (end - self.t).upper()
+            try:
+                return Arc.of(partial(self.mechanism.equation, self.current.mode), self.t, length, self.state, order), end
+            except TooLong:
+                if not shorter or length < _SHORTEST:
+                    raise
+            end = (self.t + length / 2).mid()
 
-def _reaching(timed: Timed, front: _Front, end: arb, order: int, shorter: bool) -> tuple[Arc, arb]:
-    """Enclose an arc to `end`, and return where it ends: if it may be shorter, half as far until it has an enclosure."""
-    while True:
-        length = (end - front.t).upper()
-        try:
-            return Arc.of(timed, front.t, length, front.state, order), end
-        except TooLong:
-            if not shorter or length < _SHORTEST:
-                raise
-        end = (front.t + length / 2).mid()
+    def _change(self, zero: Zero, slope: arb, margin: float) -> None:
+        """Change the mode where a guard is zero, with slope = dg/dt along the motion before."""
+        if len(self.events) == _MOST_EVENTS:
+            raise Undecided(f"more than {_MOST_EVENTS} changes of mode within a step", self.t)
+        mode = self.current.mode
+        self.current = self.mechanism.after(mode, zero.group, self.t, *halves(self.state))
+        if not self.current.smooth:
+            self.derivative = self._jump(mode, zero, slope) * self.derivative
+        self._hold()
+        q, v = halves(self.state)
+        joint = self.mechanism.event_joint(mode, self.current.mode)
+        self.events.append(ProvenEvent(_wider(self.t, margin), self.current.kind, joint, self.current.mode, q, v))
 
+    def _jump(self, mode: Hashable, zero: Zero, slope: arb) -> arb_mat:
+        """S at the change from a mode to the current one."""
+        t = time_series(self.t, 1)
+        before, after = (self.mechanism.equation(each, t) for each in (mode, self.current.mode))
 
-def _grid(t: arb, h: float, t_end: arb) -> arb:
-    """An instant about h seconds after t; the end of the motion rather than an instant just before it."""
-    end = arb(int((float(t.mid()) + h) * _GRID) + 1) / _GRID
-    return end if end + h / 8 < t_end else t_end
+        def guard(q, v):
+            return [self.mechanism.guards(mode, t, q, v, before(q, v))[zero.group][zero.function]]
+
+        _, (gradient,) = partials_at(guard, self.state)
+        rows, n = identity(len(self.state)).tolist(), len(self.state) // 2
+        pairs = zip(*(partials_at(equation, self.state)[0] for equation in (before, after)))
+        for i, (a_before, a_after) in enumerate(pairs):
+            jump = (a_after - a_before) / slope
+            rows[n + i] = [x + jump * g for x, g in zip(rows[n + i], gradient)]
+        return arb_mat(rows)
 
 
 def _remainder(arc: Arc, groups: Sequence[Sequence[arb_poly]], largest: float) -> float:
@@ -275,22 +270,28 @@ def _remainder(arc: Arc, groups: Sequence[Sequence[arb_poly]], largest: float) -
     return _upper(size)
 
 
-def _jump(mechanism: ProvableMechanism, modes: tuple[Hashable, Hashable], front: _Front, zero: Zero,
-          slope: arb) -> arb_mat:
-    """S at a change of mode, with slope = dg/dt along the motion before the event."""
-    t = time_series(front.t, 1)
-    before, after = (mechanism.equation(mode, t) for mode in modes)
+def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Next, h: float, precision: Precision,
+              t1: arb | None = None) -> Step:
+    """Enclose a step of about h seconds after its last event, to the end of the motion at most; to t1 where given.
 
-    def guard(q, v):
-        return [mechanism.guards(modes[0], t, q, v, before(q, v))[zero.group][zero.function]]
+    A step to t1 that was found as stretches about its events may be too long for an enclosure: it is taken in parts.
 
-    _, (gradient,) = partials_at(guard, front.state)
-    rows, n = identity(len(front.state)).tolist(), len(front.state) // 2
-    pairs = zip(*(partials_at(equation, front.state)[0] for equation in (before, after)))
-    for i, (a_before, a_after) in enumerate(pairs):
-        jump = (a_after - a_before) / slope
-        rows[n + i] = [x + jump * g for x, g in zip(rows[n + i], gradient)]
-    return arb_mat(rows)
+    Raises TooLong where it gets no enclosure, Undecided where something is not proven.
+    """
+    front = _Front(mechanism, t0, start, first)
+    end = _grid(t0, h, mechanism.t_end) if t1 is None else t1
+    while not front.advance(end, precision, shorter=t1 is not None):
+        if t1 is None:
+            end = _grid(front.t, h, mechanism.t_end)
+        elif not front.t < end:
+            raise Undecided("a change of mode at the end of a step", front.t)
+    return Step(t0, end, start, front.point, front.derivative, tuple(front.events), tuple(front.legs), front.remainder)
+
+
+def _grid(t: arb, h: float, t_end: arb) -> arb:
+    """An instant about h seconds after t; the end of the motion rather than an instant just before it."""
+    end = arb(int((float(t.mid()) + h) * _GRID) + 1) / _GRID
+    return end if end + h / 8 < t_end else t_end
 
 
 @dataclass(frozen=True)

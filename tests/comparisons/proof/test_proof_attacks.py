@@ -88,7 +88,7 @@ def test_motions_from_a_set_end_in_its_image(thin):
 
 
 def test_a_jump_left_out_of_the_derivative_is_noticed(thin, monkeypatch):
-    monkeypatch.setattr(steps, "_jump", lambda *arguments: steps.identity(2))
+    monkeypatch.setattr(steps._Front, "_jump", lambda *arguments: steps.identity(2))
     with working(Precision.of(20).bits, Precision.of(20).order + 1):
         assert not lies_in(set_of_starts(), thin)
 

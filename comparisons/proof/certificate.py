@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import tomllib
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import Any
 from flint import arb, arb_mat, ctx
 
 from stiction.comparisons.atomic_files import whole_file
-from stiction.scenes import InputError
+from stiction.scenes import InputError, Scene, scene_from_dict
 
 _INWARDS = 1 - arb(2) ** -20  # the radius of a ball has 30 bits
 
@@ -82,6 +83,11 @@ def read_certificate(path: Path, formats: Collection[str]) -> Claims:
     if found not in [*formats]:
         raise NotACertificate(f"{path}: format: found {found!r}; expected {' or '.join(map(repr, formats))}")
     return claims
+
+
+def claimed_scene(claims: Claims) -> Scene:
+    """Return the scene that a certificate holds."""
+    return scene_from_dict(tomllib.loads(claims["file"]), claims["scene"])
 
 
 def exact_text(number: arb) -> str:

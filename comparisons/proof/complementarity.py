@@ -76,7 +76,7 @@ class _Reduced:
 
 
 Choice = dict[int, int]
-"""By pair: 1 where y is zero (x is left), -1 where x is zero."""
+"""1 by pair where y is zero (x is left), -1 where x is zero."""
 
 
 def decide(problem: Problem) -> Verdict:

@@ -11,21 +11,21 @@ events and end state, which are there to be read, have to contain what is proven
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from flint import arb
 
-from stiction.comparisons.proof.certificate import (Claims, Failure, Format, ball_texts, contains, decimals, exact_text,
-                                                    matrix_texts, read_ball, read_ball_within, read_matrix, read_number)
+from stiction.comparisons.proof.certificate import (Claims, Failure, Format, ball_texts, claimed_scene, contains,
+                                                    decimals, exact_text, matrix_texts, read_ball, read_ball_within,
+                                                    read_matrix, read_number)
 from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.series import halves
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 from stiction.comparisons.proof.motion import Precision, ProvenEvent, ProvenMotion, StateSet, take_step
 from stiction.comparisons.proof.proving import provable
-from stiction.scenes import Scene, scene_from_dict, scene_to_toml
+from stiction.scenes import Scene, scene_to_toml
 
 _MORE_BITS, _MORE_ORDER = 64, 5
 _SLACK = 4
@@ -60,7 +60,7 @@ def _set(states: StateSet) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Junction:
-    """Where two steps join: instant, mode, and the set of states, not smaller (`start`) or not larger than claimed."""
+    """The junction of two steps: instant, mode, and the set of states, not smaller (`start`) or not larger than claimed."""
 
     t: arb
     mode: Hashable
@@ -90,7 +90,7 @@ def _end_columns(mechanism: ProvableMechanism, t: arb, end: StateSet, mode: Hash
 def _failures(claims: Claims) -> Iterator[Failure]:
     precision = Precision(int(claims["bits"]) + _MORE_BITS, int(claims["order"]) + _MORE_ORDER, float("inf"))
     with precision.working():
-        mechanism = provable(scene_from_dict(tomllib.loads(claims["file"]), claims["scene"]))
+        mechanism = provable(claimed_scene(claims))
         steps, end, shown = claims["steps"], claims["end"], iter(claims["events"])
         junctions = [*(_Junction.read(read_number(step["t0"]), step["mode"], step["start"]) for step in steps),
                      _Junction.read(mechanism.t_end, end["mode"], end["set"])]

@@ -13,20 +13,19 @@ its tables.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 
 from flint import arb
 
-from stiction.comparisons.proof.certificate import (Claims, Failure, Format, NotACertificate, ball_texts, contains,
-                                                    decimals, exact_text, matrix_texts, read_ball, read_ball_within,
-                                                    read_matrix, read_number)
+from stiction.comparisons.proof.certificate import (Claims, Failure, Format, NotACertificate, ball_texts,
+                                                    claimed_scene, contains, decimals, exact_text, matrix_texts,
+                                                    read_ball, read_ball_within, read_matrix, read_number)
 from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.motion import Precision, StateSet
-from stiction.comparisons.proof.threshold import ProvenSteadyState, ProvenThreshold, at_amplitude, decimal, proven_on
-from stiction.scenes import Scene, scene_from_dict, scene_to_toml
+from stiction.comparisons.proof.threshold import ProvenSteadyState, ProvenThreshold, decimal, proven_on
+from stiction.scenes import Scene, scene_to_toml
 
 _MORE_DIGITS = 6
 _MOST_DIGITS = 1000
@@ -37,7 +36,7 @@ ENDS = ("low", "high")
 
 
 def threshold_certificate(found: ProvenThreshold, scene: Scene) -> Claims:
-    """Claims about a threshold, as the tables of a JSON file."""
+    """Return the claims about a threshold."""
     claimed = ProvenThreshold(_claimed(found.low), _claimed(found.high))
     return {"format": FORMAT.name, "scene": scene.name, "file": scene_to_toml(scene), "theorem": claimed.sentences(),
             **{name: _end(end) for name, end in zip(ENDS, (claimed.low, claimed.high))}}
@@ -45,14 +44,14 @@ def threshold_certificate(found: ProvenThreshold, scene: Scene) -> Claims:
 
 def _claimed(end: ProvenSteadyState) -> ProvenSteadyState:
     """An end with somewhat less than was found, so that another proof of it finds as much."""
-    with end.precision.working():
+    with Precision.of(end.digits).working():
         state = tuple(read_ball([exact_text(x.mid()), exact_text((2 * x.rad()).upper())]) for x in end.state)
         events = tuple(replace(e, time=e.time.mid() + 2 * e.time.rad() * arb(0, 1)) for e in end.events)
         return replace(end, state=state, contraction=end.contraction * (1 + _SLACK), events=events)
 
 
 def _end(end: ProvenSteadyState) -> Claims:
-    with end.precision.working():
+    with Precision.of(end.digits).working():
         return {"F0 [N]": str(end.F0), "F0, decimal": decimal(end.F0),
                 "stick phase": end.sticks, "digits": end.digits, "count": end.count,
                 "centre": [exact_text(x) for x in end.states.centre], "frame": matrix_texts(end.states.frame),
@@ -63,7 +62,7 @@ def _end(end: ProvenSteadyState) -> Claims:
 
 
 def _failures(claims: Claims) -> Iterator[Failure]:
-    scene = scene_from_dict(tomllib.loads(claims["file"]), claims["scene"])
+    scene = claimed_scene(claims)
     low, high = (Fraction(claims[name]["F0 [N]"]) for name in ENDS)
     below, above = (claims[name]["stick phase"] for name in ENDS)
     if not low < high or not below or above:
@@ -83,11 +82,10 @@ def _proven_again(end: Claims, scene: Scene, F0: Fraction) -> ProvenSteadyState:
     digits, count = int(end["digits"]), int(end["count"])
     if not (1 <= digits <= _MOST_DIGITS and count >= 1):
         raise NotACertificate(f"digits, count: found {digits}, {count}; expected 1 .. {_MOST_DIGITS} and at least 1")
-    precision = Precision.of(digits + _MORE_DIGITS)
-    with precision.working():
+    with Precision.of(digits + _MORE_DIGITS).working():
         centre, radius = tuple(map(read_number, end["centre"])), read_number(end["radius"]) * arb(0, 1)
         states = StateSet(centre, read_matrix(end["frame"]), (radius,) * 2)
-        again = proven_on(at_amplitude(scene, F0), F0, count, states, precision, digits)
+        again = proven_on(scene, F0, count, states, digits + _MORE_DIGITS)
         _require_claims(end, again)
         return replace(again, state=tuple(map(read_ball, end["state"])), contraction=end["contraction"],
                        periods=end["periods"])

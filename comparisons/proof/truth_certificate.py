@@ -2,7 +2,7 @@
 
 A file claims, of the scene that it holds: *at every time t from 0 to ``t_end``, each column, evaluated in floats by
 Horner's rule from the coefficients of the leg in which t lies, is off the exact motion by no more than its error; the
-events are the listed ones, each within ``event time`` of its time.* `check` proves the motion anew with more digits,
+events are the listed ones, each within ``event time`` of its time.* The check proves the motion anew with more digits,
 thus other steps, and compares the polynomials. `stiction.comparisons.proof.truth` reads the files without this module.
 
     python -m stiction.comparisons.proof.truth_certificate
@@ -14,7 +14,6 @@ scenes.
 from __future__ import annotations
 
 import sys
-import tomllib
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from itertools import product, takewhile
@@ -24,7 +23,8 @@ from pathlib import Path
 from flint import arb, arb_poly
 
 from stiction.comparisons.measures.scene_truth import rubbing_guides
-from stiction.comparisons.proof.certificate import Claims, Failure, Format, NotACertificate, write_certificate
+from stiction.comparisons.proof.certificate import (Claims, Failure, Format, NotACertificate, claimed_scene,
+                                                    write_certificate)
 from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.motion import ProvenEvent, ProvenMotion
@@ -33,7 +33,7 @@ from stiction.comparisons.proof.theorems import DATA
 from stiction.comparisons.proof.truth import SUFFIX, certificates, motion_digest
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.comparisons.variants import physics_of
-from stiction.scenes import Scene, catalogue, load_scene, scene_from_dict, scene_to_toml
+from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml
 
 DIGITS = 14
 _MORE_DIGITS = 4
@@ -70,7 +70,7 @@ def truth_certificate(scene: Scene) -> Claims:
 
 
 def _failures(claims: Claims) -> Iterator[Failure]:
-    scene = scene_from_dict(tomllib.loads(claims["file"]), claims["scene"])
+    scene = claimed_scene(claims)
     claimed, digest = (claims["digest"], claims["t_end"]), motion_digest(claims["file"])
     if claimed != (digest, scene.t_end):
         yield Failure(-1, f"digest and t_end: found {claimed}; the scene has {(digest, scene.t_end)}")

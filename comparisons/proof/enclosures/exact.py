@@ -116,7 +116,7 @@ class Exact:
 
     @property
     def is_zero(self) -> bool:
-        """Whether the number is 0; raises as `equals`."""
+        """Truth of "the number is 0"; raises as `equals`."""
         return self.equals(ZERO)
 
 

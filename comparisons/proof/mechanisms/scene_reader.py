@@ -14,7 +14,7 @@ from stiction.scenes.laws import Constant
 
 _PLACES = {"x": ("position", 0), "y": ("position", 1), "vx": ("velocity", 0), "vy": ("velocity", 1),
            "angle": ("angle",), "omega": ("angular_velocity",)}
-"""Where a scene has the start of a body's columns."""
+"""Place of the start of a body's columns in a scene."""
 
 
 def balls(values: Iterable[Exact]) -> tuple[arb, ...]:

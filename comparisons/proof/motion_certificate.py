@@ -23,8 +23,8 @@ from stiction.comparisons.proof.certificate import (Claims, Failure, Format, bal
 from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.series import halves
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
-from stiction.comparisons.proof.motion import Precision, ProvenEvent, ProvenMotion, StateSet, take_step
-from stiction.comparisons.proof.proving import provable
+from stiction.comparisons.proof.motion import ProvenMotion, provable
+from stiction.comparisons.proof.step import Precision, ProvenEvent, StateSet, take_step
 from stiction.scenes import Scene, scene_to_toml
 
 _MORE_BITS, _MORE_ORDER = 64, 5
@@ -60,7 +60,7 @@ def _set(states: StateSet) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Junction:
-    """The junction of two steps: instant, mode, and the set of states, not smaller (`start`) or not larger than claimed."""
+    """The junction of two steps; its set is at least (`start`) or at most (`target`) as large as claimed."""
 
     t: arb
     mode: Hashable

@@ -24,7 +24,8 @@ from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.exact import Exact, ExactScene
 from stiction.comparisons.proof.enclosures.series import identity
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
-from stiction.comparisons.proof.motion import Precision, ProvenEvent, ProvenMotion, StateSet, prove
+from stiction.comparisons.proof.motion import ProvenMotion, prove
+from stiction.comparisons.proof.step import Precision, ProvenEvent, StateSet
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import SteadyState, steady_state, stick_threshold
 from stiction.scenes import Scene, vary
@@ -51,7 +52,7 @@ class ProvenSteadyState:
         Upper bound of q on `states`, B.
     periods : int
         After so many n T the motion from the scene's start is in B.
-    events : tuple of ProvenEvent
+    events : list of ProvenEvent
         Of one period; `sticks` where it has a stick phase.
     """
 
@@ -62,7 +63,7 @@ class ProvenSteadyState:
     states: StateSet
     count: int
     periods: int
-    events: tuple[ProvenEvent, ...]
+    events: list[ProvenEvent]
     sticks: bool
     digits: int
 

@@ -23,7 +23,7 @@ from stiction.comparisons.proof.certificate import (Claims, Failure, Format, Not
                                                     claimed_scene, contains, decimals, exact_text, matrix_texts,
                                                     read_ball, read_ball_within, read_matrix, read_number)
 from stiction.comparisons.proof.enclosures import NotProven
-from stiction.comparisons.proof.motion import Precision, StateSet
+from stiction.comparisons.proof.step import Precision, StateSet
 from stiction.comparisons.proof.threshold import ProvenSteadyState, ProvenThreshold, decimal, proven_on
 from stiction.scenes import Scene, scene_to_toml
 
@@ -46,7 +46,7 @@ def _claimed(end: ProvenSteadyState) -> ProvenSteadyState:
     """An end with somewhat less than was found, so that another proof of it finds as much."""
     with Precision.of(end.digits).working():
         state = tuple(read_ball([exact_text(x.mid()), exact_text((2 * x.rad()).upper())]) for x in end.state)
-        events = tuple(replace(e, time=e.time.mid() + 2 * e.time.rad() * arb(0, 1)) for e in end.events)
+        events = [replace(e, time=e.time.mid() + 2 * e.time.rad() * arb(0, 1)) for e in end.events]
         return replace(end, state=state, contraction=end.contraction * (1 + _SLACK), events=events)
 
 

@@ -27,8 +27,8 @@ from stiction.comparisons.proof.certificate import (Claims, Failure, Format, Not
                                                     write_certificate)
 from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.series import working
-from stiction.comparisons.proof.motion import ProvenEvent, ProvenMotion
-from stiction.comparisons.proof.proving import MECHANISMS, provable, prove_scene
+from stiction.comparisons.proof.motion import MECHANISMS, ProvenMotion, provable, prove_scene
+from stiction.comparisons.proof.step import ProvenEvent
 from stiction.comparisons.proof.theorems import DATA
 from stiction.comparisons.proof.truth import SUFFIX, certificates, motion_digest
 from stiction.comparisons.truth.truth import NotThisMechanism

@@ -41,7 +41,7 @@ class ProvableMechanism(ABC):
     @classmethod
     @abstractmethod
     def from_scene(cls, scene: Scene) -> ProvableMechanism:
-        """Parameters of a scene, at the working precision; raises NotThisMechanism with what keeps it from being one."""
+        """Parameters of a scene, at the working precision; raises NotThisMechanism with what does not fit."""
 
     @abstractmethod
     def equation(self, mode: Hashable, t: arb_series) -> Equation:

@@ -1,4 +1,4 @@
-"""Attacks on proofs: any slider-bar, starts within a set of starts, and laws, derivatives and roundings that are wrong."""
+"""Attacks on proofs: any slider-bar, a set of starts, and laws, derivatives and roundings that are wrong."""
 
 from dataclasses import replace
 
@@ -12,14 +12,14 @@ import numpy as np
 from flint import arb
 
 from proof_agreement import assert_agreement
-from stiction.comparisons.proof import motion as steps
+from stiction.comparisons.proof import step
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.one_slider import Contact, OneSlider
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.mechanisms.trammel import Trammel
-from stiction.comparisons.proof.motion import Precision, StateSet, prove
-from stiction.comparisons.proof.proving import prove_scene
+from stiction.comparisons.proof.motion import prove, prove_scene
+from stiction.comparisons.proof.step import Precision, StateSet
 from stiction.comparisons.proof.certificate import read_ball, read_ball_within, read_number
 from stiction.comparisons.truth import slider_bar_truth, trammel_truth
 from stiction.scenes import load_scene, vary
@@ -78,7 +78,7 @@ def test_motions_from_a_set_end_in_its_image(thin):
 
 
 def test_a_jump_left_out_of_the_derivative_is_noticed(thin, monkeypatch):
-    monkeypatch.setattr(steps._Front, "_jump", lambda *arguments: steps.identity(2))
+    monkeypatch.setattr(step._Front, "_jump", lambda *arguments: step.identity(2))
     with Precision.of(20).working():
         assert not set_of_starts().contains(thin)
 

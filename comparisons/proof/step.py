@@ -13,7 +13,7 @@ because every crossing is proven to be one, with a slope, for every state of the
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -108,18 +108,17 @@ class Leg:
     t: arb
     end: arb
     mode: Hashable
-    state: tuple[arb_poly, ...]
+    state: list[arb_poly]
     bodies: dict[str, arb_poly]
 
     @classmethod
     def of(cls, mechanism: ProvableMechanism, arc: Arc, end: arb, mode: Hashable) -> Leg:
         """The beginning of an arc."""
         def bodies(t, q, v, a):
-            return [list(mechanism.bodies(t, q, v).values())]
+            return {name: [column] for name, column in mechanism.bodies(t, q, v).items()}
 
-        names = mechanism.bodies(arc.t, *halves([coefficients[0] for coefficients in arc.fine.state]))
-        (columns,) = arc.functions(bodies, arc.fine)
-        return cls(arc.t, end, mode, tuple(arc.polynomials(arc.fine)), dict(zip(names, columns)))
+        columns = arc.functions(bodies, arc.fine)
+        return cls(arc.t, end, mode, arc.polynomials(arc.fine), {name: column for name, [column] in columns.items()})
 
 
 @dataclass(frozen=True)
@@ -262,10 +261,10 @@ class _Front:
         return arb_mat(rows)
 
 
-def _remainder(arc: Arc, groups: Sequence[Sequence[arb_poly]], largest: float) -> float:
+def _remainder(arc: Arc, groups: Mapping[Hashable, Sequence[arb_poly]], largest: float) -> float:
     """The largest remainder of states and guards over an arc; raises TooLong if it is not smaller than `largest`."""
     scale = arc.h ** arc.order
-    size = max([arc.remainder(), *(abs(f[arc.order]) * scale for group in groups for f in group)], key=_upper)
+    size = max([arc.remainder(), *(abs(f[arc.order]) * scale for group in groups.values() for f in group)], key=_upper)
     if not size < largest:
         raise TooLong(f"remainder {size.str(3)}")
     return _upper(size)

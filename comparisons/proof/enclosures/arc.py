@@ -9,7 +9,7 @@ Lagrange's remainder. The same holds of the variational equation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,8 +21,8 @@ from stiction.comparisons.proof.enclosures.series import (Expansion, Timed, TooL
 _PICARD = 30
 _WIDEN = arb(1) / 8
 
-Along = Callable[[arb_series, Sequence[Value], Sequence[Value], Sequence[Value]], Sequence[Sequence[Value]]]
-"""Groups of functions of t, q, v and q''."""
+Along = Callable[[arb_series, Sequence[Value], Sequence[Value], Sequence[Value]], Mapping[Hashable, Sequence[Value]]]
+"""Groups of functions of t, q, v and q'', by name."""
 
 
 def partials_at(function: Callable[..., Sequence[Value]], state: Sequence[arb]) -> tuple[list[arb], list[list[arb]]]:
@@ -118,11 +118,12 @@ class Arc:
         powers, indices = _closed(self.fine.variation, self.wide.variation), range(len(self.fine.state))
         return arb_mat([[arb_poly([E[i, j] for E in powers])(tau) for j in indices] for i in indices])
 
-    def functions(self, along: Along, about: Expansion) -> list[list[arb_poly]]:
+    def functions(self, along: Along, about: Expansion) -> dict[Hashable, list[arb_poly]]:
         """Groups of functions over the stretch as `polynomials`."""
-        groups = []
+        powers, groups = range(self.order + 1), []
         for expansion in (about, self.wide):
-            q, v = halves(expansion.series(self.order + 1))
-            groups.append(along(expansion.t, q, v, expansion.equation(q, v)))
-        return [[arb_poly(_closed(*([f[k] for k in range(self.order + 1)] for f in pair))) for pair in zip(*group)]
-                for group in zip(*groups)]
+            q, v = halves(expansion.series(len(powers)))
+            found = along(expansion.t, q, v, expansion.equation(q, v))
+            groups.append({name: [[f[k] for k in powers] for f in group] for name, group in found.items()})
+        fine, wide = groups
+        return {name: [arb_poly(_closed(*pair)) for pair in zip(fine[name], wide[name])] for name in fine}

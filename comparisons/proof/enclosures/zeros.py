@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 
 from flint import arb, arb_poly
@@ -27,11 +27,12 @@ class Zero:
     """The instant where the largest function of a group falls through zero, all others negative there."""
 
     tau: arb
-    group: int
+    group: Hashable
     function: int
 
 
-def first_zero(groups: Sequence[Sequence[arb_poly]], t: arb, h: arb, zeros: Mapping[int, int]) -> Zero | None:
+def first_zero(groups: Mapping[Hashable, Sequence[arb_poly]], t: arb, h: arb,
+               zeros: Mapping[Hashable, int]) -> Zero | None:
     """The first instant in (0, h] at which the largest function of some group becomes negative; None if none does.
 
     Parameters
@@ -40,7 +41,7 @@ def first_zero(groups: Sequence[Sequence[arb_poly]], t: arb, h: arb, zeros: Mapp
         Functions of time as enclosures: each coefficient a ball, the last one Lagrange's remainder. Their formal
         derivatives then enclose the derivatives.
     t
-        Where 0 lies in the time of the motion.
+        The time of 0 in the motion.
     zeros
         By group: how many of the first derivatives, the value included, are zero at 0 (groups of one function).
 
@@ -50,10 +51,11 @@ def first_zero(groups: Sequence[Sequence[arb_poly]], t: arb, h: arb, zeros: Mapp
         Where a group neither is proven positive nor to cross zero with a slope, or two cross at once.
     """
     first: Zero | None = None
-    for i, group in enumerate(groups):
-        found = _scan(group, t, h if first is None else first.tau.upper(), zeros.get(i, 0))
+    for name, group in groups.items():
+        found = _scan(group, t, h if first is None else first.tau.upper(), zeros.get(name, 0))
         if found is not None:
-            zero = Zero(found[0], i, found[1])
+            tau, function = found
+            zero = Zero(tau, name, function)
             if first is not None and zero.tau.overlaps(first.tau):
                 raise Undecided("two changes of mode whose order is open", t + zero.tau.union(first.tau))
             first = zero

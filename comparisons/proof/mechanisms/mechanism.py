@@ -22,7 +22,7 @@ class Next:
     """
 
     mode: Hashable
-    zeros: Mapping[int, int] = field(default_factory=dict)
+    zeros: Mapping[Hashable, int] = field(default_factory=dict)
     kind: str = ""
     smooth: bool = True
 
@@ -49,15 +49,15 @@ class ProvableMechanism(ABC):
 
     @abstractmethod
     def guards(self, mode: Hashable, t: arb_series, q: Sequence[Value], v: Sequence[Value],
-               a: Sequence[Value]) -> list[list[Value]]:
-        """Groups of functions: the mode lasts while the largest of each group is positive."""
+               a: Sequence[Value]) -> dict[Hashable, list[Value]]:
+        """Groups of functions by name: the mode lasts while the largest of each group is positive."""
 
     @abstractmethod
     def start(self) -> Next:
         """The mode at t = 0; raises Undecided if it is not proven."""
 
     @abstractmethod
-    def after(self, mode: Hashable, guard: int, t: arb, q: list[arb], v: list[arb]) -> Next:
+    def after(self, mode: Hashable, guard: Hashable, t: arb, q: list[arb], v: list[arb]) -> Next:
         """The mode after a guard has reached zero; raises as `start`."""
 
     @abstractmethod

@@ -37,7 +37,7 @@ class Pendulum(ProvableMechanism):
         return lambda q, v: [q[0].sin() * -w2]
 
     def guards(self, mode, t, q, v, a):
-        return []
+        return {}
 
     def start(self) -> Next:
         return Next(SWING)

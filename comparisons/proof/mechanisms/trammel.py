@@ -115,8 +115,8 @@ class Trammel(ProvableMechanism):
         turn, sx, sy, ex, ey = mode
         sine, cosine = q[0].sin(), q[0].cos()
         (Rx, Rx_a), (Ry, Ry_a) = self._reactions(sine, cosine, v[0], mode)
-        return [[v[0] * turn], [sine * (-turn * sx)], [cosine * (turn * sy)],
-                [(Rx_a * a[0] + Rx) * ex], [(Ry_a * a[0] + Ry) * ey]]
+        return dict(enumerate([[v[0] * turn], [sine * (-turn * sx)], [cosine * (turn * sy)],  # as the numbers of a mode
+                               [(Rx_a * a[0] + Rx) * ex], [(Ry_a * a[0] + Ry) * ey]]))
 
     def start(self) -> Next:
         (p,), (rate,), zero = self.q, self.v, arb(0)
@@ -129,7 +129,7 @@ class Trammel(ProvableMechanism):
     def after(self, mode: Mode, guard: int, t, q, v) -> Next:
         if guard == _TURN:
             raise Undecided("the bar stops: both guides rest at once, and what each of them holds is open", t)
-        changed = list(mode)  # guards stand as the numbers of a mode do
+        changed = list(mode)
         changed[guard] *= -1
         if guard >= _NORMALS:
             return Next(tuple(changed), {guard: 1}, "corner")
@@ -141,7 +141,7 @@ class Trammel(ProvableMechanism):
         for signs in _SIGNS:
             mode = (turn, sx, sy, *signs)
             guards = self.guards(mode, now, q, v, self.equation(mode, now)(q, v))
-            if all(group[0][0] > 0 for group in guards[_NORMALS:]):
+            if all(guards[number][0][0] > 0 for number in range(_NORMALS, len(mode))):
                 return mode
         raise Undecided("which surfaces the sliders press on", t)
 

@@ -175,8 +175,8 @@ def expand(timed: Timed, t: arb, start: Sequence[arb], order: int, variation: ar
 
 def _variational(equation: Equation, state: Sequence[arb_series]) -> list[arb_mat]:
     """Coefficients B by power of time of E' = B E, B = [[0, 1], df/d(q, v)]."""
-    size = len(state)
+    size, n = len(state), len(state) // 2
     _, gradients = partials(equation, state)
-    rates = [[[int(k == 0 and j == i + size // 2) for j in range(size)] for i in range(size // 2)]
-             for k in range(state[0].prec)]
-    return [arb_mat(above + [[g[k] for g in gradient] for gradient in gradients]) for k, above in enumerate(rates)]
+    speeds, nothing = identity(size).tolist()[n:], [[0] * size] * n
+    return [arb_mat((nothing if k else speeds) + [[g[k] for g in gradient] for gradient in gradients])
+            for k in range(state[0].prec)]

@@ -13,7 +13,7 @@ because every crossing is proven to be one, with a slope, for every state of the
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -76,10 +76,6 @@ class StateSet:
         """Return whether the image is proven to lie in another set."""
         image = self._within(point, derivative * self.frame, other.frame, other.centre)
         return all(outer.contains(inner) for outer, inner in zip(other.size, image.size))
-
-
-def _upper(ball: arb) -> float:
-    return float(ball.upper())
 
 
 def _column(values: Sequence[arb]) -> arb_mat:
@@ -199,7 +195,10 @@ class _Front:
         mechanism.require_unique(mode, t + arb(0).union(arc.h), arc.enclosure)
         guards = partial(mechanism.guards, mode)
         groups = arc.functions(guards, arc.fine)
-        self.remainder = max(self.remainder, _remainder(arc, groups, precision.remainder))
+        remainder = arc.remainder(groups)
+        if not remainder < precision.remainder:
+            raise TooLong(f"remainder {remainder.str(3)}")
+        self.remainder = max(self.remainder, float(remainder.upper()))
         zero = first_zero(groups, t, arc.h, self.current.zeros)
         one = arc.one(self.point_t, self.point)
         if zero is None:
@@ -259,15 +258,6 @@ class _Front:
             jump = (a_after - a_before) / slope
             rows[n + i] = [x + jump * g for x, g in zip(rows[n + i], gradient)]
         return arb_mat(rows)
-
-
-def _remainder(arc: Arc, groups: Mapping[Hashable, Sequence[arb_poly]], largest: float) -> float:
-    """The largest remainder of states and guards over an arc; raises TooLong if it is not smaller than `largest`."""
-    scale = arc.h ** arc.order
-    size = max([arc.remainder(), *(abs(f[arc.order]) * scale for group in groups.values() for f in group)], key=_upper)
-    if not size < largest:
-        raise TooLong(f"remainder {size.str(3)}")
-    return _upper(size)
 
 
 def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Next, h: float, precision: Precision,

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 from flint import arb, arb_mat, arb_poly, arb_series
@@ -104,10 +105,11 @@ class Arc:
         """Expansion of the solution from a start within the set (t and the start are thinner balls)."""
         return expand(self.timed, t, start, self.order)
 
-    def remainder(self) -> arb:
-        """The largest remainder of q and v at the end of the stretch (upper bound)."""
-        scale = self.h ** self.order
-        return max((abs(c[self.order]) * scale for c in self.wide.state), key=lambda ball: float(ball.upper()))
+    def remainder(self, groups: Mapping[Hashable, Sequence[arb_poly]]) -> arb:
+        """The largest remainder of q, v and functions at the end of the stretch (upper bound)."""
+        scale, functions = self.h ** self.order, chain.from_iterable(groups.values())
+        last = [f[self.order] for f in chain(self.wide.state, functions)]
+        return max((abs(term) * scale for term in last), key=lambda ball: float(ball.upper()))
 
     def polynomials(self, about: Expansion) -> list[arb_poly]:
         """The state of all of the set about its start, `fine`, or of `one` solution from within it."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.arc import APriori
-from stiction.comparisons.proof.enclosures.series import Equation, Value
+from stiction.comparisons.proof.enclosures.series import Equation, Value, constants, time_series
 from stiction.scenes import Scene
 
 
@@ -51,6 +51,12 @@ class ProvableMechanism(ABC):
     def guards(self, mode: Hashable, t: arb_series, q: Sequence[Value], v: Sequence[Value],
                a: Sequence[Value]) -> dict[Hashable, list[Value]]:
         """Groups of functions by name: the mode lasts while the largest of each group is positive."""
+
+    def guards_at(self, mode: Hashable, t: arb, q: Sequence[arb], v: Sequence[arb]) -> dict[Hashable, list[arb]]:
+        """Values of the guards in a state."""
+        q, v, now = constants(q), constants(v), time_series(t, 1)
+        guards = self.guards(mode, now, q, v, self.equation(mode, now)(q, v))
+        return {name: [f[0] for f in group] for name, group in guards.items()}
 
     @abstractmethod
     def start(self) -> Next:

@@ -16,13 +16,13 @@ reaches zero, if mus b <= a (else the guide can jam instead: its surfaces press 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.exact import ZERO, ExactScene
-from stiction.comparisons.proof.enclosures.series import Value, constants, time_series
+from stiction.comparisons.proof.enclosures.series import Value
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 
@@ -121,16 +121,10 @@ class OneSlider(ProvableMechanism):
             return self._from_rest(t, q, v, True)
         return Next((slip, e1 if guard == FRONT else -e1, e2 if guard == REAR else -e2), {guard: 1}, "corner")
 
-    def _at(self, mode: Mode, t: arb, q: Sequence[arb], v: Sequence[arb]) -> dict[Hashable, list[arb]]:
-        """Values of the guards of a mode in a state."""
-        q, v, now = constants(q), constants(v), time_series(t, 1)
-        guards = self.guards(mode, now, q, v, self.equation(mode, now)(q, v))
-        return {name: [f[0] for f in group] for name, group in guards.items()}
-
     def _from_rest(self, t: arb, q: Sequence[arb], v: Sequence[arb], moved: bool) -> Next:
         """The mode at velocity zero relative to the surface."""
         v = [self.surface, *v[1:]]
-        margins = self._at(REST, t, q, v)
+        margins = self.guards_at(REST, t, q, v)
         holds = {s: any(f > 0 for f in margins[s]) for s in (1, -1)}
         if all(holds.values()):
             return Next(REST, kind="stick", smooth=False)
@@ -151,7 +145,7 @@ class OneSlider(ProvableMechanism):
         both, either = [(1, 1), (-1, -1)], [(1, -1), (-1, 1)]
         for signs in both if self.contact.length is None else both + either:
             mode = (slip, *signs)
-            guards = self._at(mode, t, q, v)
+            guards = self.guards_at(mode, t, q, v)
             if all(value > 0 for name in guards for value in guards[name] if name != SLIP):
                 return mode
         raise Undecided("a corner force that is zero, or no contact configuration, where slip begins", t)

@@ -34,7 +34,7 @@ from itertools import product
 
 from flint import arb, arb_series
 
-from stiction.comparisons.proof.enclosures.series import Value, constants, quotient, time_series
+from stiction.comparisons.proof.enclosures.series import Value, constants, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad
 from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, balls
@@ -137,11 +137,10 @@ class Trammel(ProvableMechanism):
 
     def _pressed(self, turn: int, sx: int, sy: int, t: arb, q: list[arb], v: list[arb]) -> Mode:
         """The mode with the signs of Rx and Ry that are consistent: the only ones, as p'' is unique."""
-        q, v, now = constants(q), constants(v), time_series(t, 1)
         for signs in _SIGNS:
             mode = (turn, sx, sy, *signs)
-            guards = self.guards(mode, now, q, v, self.equation(mode, now)(q, v))
-            if all(guards[number][0][0] > 0 for number in range(_NORMALS, len(mode))):
+            guards = self.guards_at(mode, t, q, v)
+            if all(value > 0 for number in range(_NORMALS, len(mode)) for value in guards[number]):
                 return mode
         raise Undecided("which surfaces the sliders press on", t)
 

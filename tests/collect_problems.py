@@ -13,6 +13,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 
@@ -63,7 +64,7 @@ def settled(problem: Problem) -> Problem:
     """The problem, or of one without solution that has one its exact solution in floats, and a class of its own."""
     if problem.outcome == SOLVED or (verdict := proof.decide(problem)).decided != proof.SOLVED:
         return problem
-    y, x = (np.array([proof.to_float(value) for value in part]) for part in (verdict.y, verdict.x))
+    y, x = (np.array([float(Fraction(int(u.p), int(u.q))) for u in part]) for part in (verdict.y, verdict.x))
     return replace(problem, kind=MISSED, y=y, x=x, outcome=SOLVED)
 
 

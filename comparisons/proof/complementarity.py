@@ -20,7 +20,6 @@ arithmetic.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 from flint import fmpq, fmpq_mat
@@ -33,19 +32,10 @@ _MOST_CHOICES, _MOST_PIVOTS = 300, 40
 
 @dataclass(frozen=True)
 class Verdict:
-    """A decision on a problem, with its proof.
+    """A decision on a problem, `SOLVED`, `NONE` or `OPEN`, with its proof.
 
-    Attributes
-    ----------
-    decided : str
-        `SOLVED`, `NONE` or `OPEN`.
-    y, x : tuple of fmpq
-        An exact solution; empty if there is none.
-    isolated : bool
-        Whether no other solution is near it: one of each pair is positive (of those not eliminated) and its system
-        regular.
-    refutations : tuple of Refutation
-        Where there is no solution: their branches together are all choices.
+    Either an exact solution y, x, `isolated` where no other one is near: one of each pair is positive (of those not
+    eliminated) and its system regular. Or refutations, whose branches together are all choices.
     """
 
     decided: str
@@ -63,41 +53,34 @@ class Refutation:
     vector: tuple[fmpq, ...]
 
 
-def rational(value: float) -> fmpq:
-    """The number that a float is."""
-    exact = Fraction(value)
-    return fmpq(exact.numerator, exact.denominator)
-
-
-def to_float(value: fmpq) -> float:
-    """The float nearest to a number."""
-    return float(Fraction(int(value.p), int(value.q)))
-
-
 def _matrix(values: np.ndarray) -> fmpq_mat:
-    return fmpq_mat([[rational(float(x)) for x in row] for row in values])
+    """The rational numbers that floats are."""
+    return fmpq_mat([[fmpq(*x.as_integer_ratio()) for x in row] for row in values.tolist()])
 
 
 class _Reduced:
-    """The problem without the unknowns of any sign: rows that combine the given ones so that these drop out."""
+    """The problem without the unknowns of any sign: rows that combine the given ones so that these drop out.
+
+    `y` and `x` are the columns of y and x in A0 y - A1 x = b; `columns` those of the rows that are left, by pair and
+    side (1: x, -1: y).
+    """
 
     def __init__(self, problem: Problem):
         n = self.n = len(problem.b)
         self.free = [i for i in range(n) if np.array_equal(problem.A0[:, i], problem.A1[:, i])]
         self.pairs = [i for i in range(n) if i not in self.free]
-        self.y, self.x, self.b = _matrix(problem.A0), _matrix(-problem.A1), _matrix(problem.b[:, None])
-        k = len(self.free)
-        form, _ = fmpq_mat([[self.y[r, i] for i in self.free] + [fmpq(int(r == j)) for j in range(n)]
-                            for r in range(n)]).rref()
-        rows = [[form[r, k + j] for j in range(n)] for r in range(n) if all(form[r, j] == 0 for j in range(k))]
-        self.rows = fmpq_mat(len(rows), n, [value for row in rows for value in row])
-        self.right, sides = self.rows * self.b, ((1, self.rows * self.x), (-1, self.rows * self.y))
-        self.columns = {(i, side): [matrix[r, i] for r in range(len(rows))] for i in self.pairs
-                        for side, matrix in sides}
+        y, x, self.b = _matrix(problem.A0), _matrix(-problem.A1), _matrix(problem.b[:, None])
+        self.y, self.x = y.transpose().tolist(), x.transpose().tolist()
+        k, units = len(self.free), [[int(r == j) for j in range(n)] for r in range(n)]
+        form, _ = fmpq_mat([[self.y[i][r] for i in self.free] + unit for r, unit in enumerate(units)]).rref()
+        rows = [row[k:] for row in form.tolist() if not any(row[:k])]
+        self.rows = fmpq_mat(len(rows), n, sum(rows, []))
+        self.right, sides = self.rows * self.b, ((1, self.rows * x), (-1, self.rows * y))
+        self.columns = {(i, side): [row[i] for row in matrix.tolist()] for i in self.pairs for side, matrix in sides}
 
 
 Choice = dict[int, int]
-"""By pair: 1 where y is zero (x is left), -1 where x is zero."""
+"""1 by pair where y is zero (x is left), -1 where x is zero."""
 
 
 def decide(problem: Problem) -> Verdict:
@@ -123,7 +106,8 @@ def _pivoted(reduced: _Reduced, choice: Choice) -> Verdict | None:
             return None
         negative = [i for i in reduced.pairs if values[i] < 0]
         if not negative:
-            return _accepted(reduced, choice, values, regular)
+            isolated = regular and all(values[i] > 0 for i in reduced.pairs)
+            return _solution([choice.get(i, -1) * value for i, value in enumerate(values)], isolated)
         flipped = negative if len(negative) < fewest else negative[-1:]
         fewest = min(fewest, len(negative))
         choice = {i: -side if i in flipped else side for i, side in choice.items()}
@@ -131,34 +115,33 @@ def _pivoted(reduced: _Reduced, choice: Choice) -> Verdict | None:
 
 
 def _values(reduced: _Reduced, choice: Choice) -> tuple[list[fmpq] | None, bool]:
-    """The unknowns that a full choice leaves, by pair, and whether their system is regular; None without a solution.
-
-    A singular system has the one with zeros where a column depends on those before it, unknowns of any sign first.
-    """
-    n = reduced.n
-    system = [[(reduced.x if choice.get(i) == 1 else reduced.y)[r, i] for i in range(n)] for r in range(n)]
+    """The unknowns that a full choice leaves, by pair, and whether their system is regular; None without a solution."""
+    columns = [(reduced.x if choice.get(i) == 1 else reduced.y)[i] for i in range(reduced.n)]
     try:
-        solution = fmpq_mat(system).solve(reduced.b)
-        return [solution[i, 0] for i in range(n)], True
+        return fmpq_mat(columns).transpose().solve(reduced.b).entries(), True
     except ZeroDivisionError:
         order = [*reduced.free, *reduced.pairs]
-    form, rank = fmpq_mat([[system[r][i] for i in order] + [reduced.b[r, 0]] for r in range(n)]).rref()
-    values = [fmpq(0)] * n
-    for r in range(rank):
-        pivot = next(j for j in range(n + 1) if form[r, j] != 0)
-        if pivot == n:
-            return None, False
-        values[order[pivot]] = form[r, n]
-    return values, False
+    values = _particular([columns[i] for i in order], reduced.b.entries())
+    return values and [values[order.index(i)] for i in range(reduced.n)], False
 
 
-def _accepted(reduced: _Reduced, choice: Choice, values: list[fmpq], regular: bool) -> Verdict:
-    """The solution of nonnegative values (of pairs that are not eliminated)."""
-    y = [fmpq(0)] * reduced.n
-    x = [fmpq(0)] * reduced.n
-    for i, value in enumerate(values):
-        (x if choice.get(i) == 1 or i in reduced.free and value < 0 else y)[i] = abs(value)
-    return Verdict(SOLVED, tuple(y), tuple(x), regular and all(values[i] > 0 for i in reduced.pairs))
+def _particular(columns: list[list[fmpq]], right: list[fmpq]) -> list[fmpq] | None:
+    """A solution of a linear system, zero where a column depends on those before it; None if there is none."""
+    count = len(columns)
+    form, rank = fmpq_mat([[*(column[r] for column in columns), value] for r, value in enumerate(right)]).rref()
+    values = [fmpq(0)] * count
+    for row in form.tolist()[:rank]:
+        pivot = next(j for j, value in enumerate(row) if value != 0)
+        if pivot == count:
+            return None
+        values[pivot] = row[count]
+    return values
+
+
+def _solution(signed: list[fmpq], isolated: bool = False) -> Verdict:
+    """The solution with x - y given: one of each pair is zero."""
+    zero = fmpq(0)
+    return Verdict(SOLVED, tuple(max(-u, zero) for u in signed), tuple(max(u, zero) for u in signed), isolated)
 
 
 def _search(reduced: _Reduced) -> Verdict:
@@ -173,7 +156,7 @@ def _search(reduced: _Reduced) -> Verdict:
         point, vector = _feasible([reduced.columns[key] for key in allowed], reduced.right)
         if vector is not None:
             full = fmpq_mat([vector]) * reduced.rows
-            refutations.append(Refutation(tuple(sorted(choice.items())), tuple(full[0, j] for j in range(reduced.n))))
+            refutations.append(Refutation(tuple(sorted(choice.items())), tuple(full.entries())))
             continue
         values = dict(zip(allowed, point))
         guess = {i: 1 if values.get((i, 1), 0) > values.get((i, -1), 0) else -1 for i in reduced.pairs}
@@ -219,16 +202,13 @@ def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], l
 
 def _completed(reduced: _Reduced, values: dict[tuple[int, int], fmpq]) -> Verdict:
     """The solution with given values of the pairs, of which none has both; the unknowns of any sign follow."""
-    n = reduced.n
-    found = [[values.get((i, side), fmpq(0)) for i in range(n)] for side in (-1, 1)]
-    rest = reduced.b - reduced.y * fmpq_mat(n, 1, found[0]) - reduced.x * fmpq_mat(n, 1, found[1])
-    form, _ = fmpq_mat([[reduced.y[r, i] for i in reduced.free] + [rest[r, 0]] for r in range(n)]).rref()
-    for r in range(n):
-        pivot = next((j for j in range(len(reduced.free)) if form[r, j] != 0), None)
-        if pivot is not None:
-            value = form[r, len(reduced.free)]
-            found[0 if value > 0 else 1][reduced.free[pivot]] = abs(value)
-    return Verdict(SOLVED, tuple(found[0]), tuple(found[1]))
+    rest = reduced.b.entries()
+    for (i, side), value in values.items():
+        column = (reduced.x if side == 1 else reduced.y)[i]
+        rest = [b - value * c for b, c in zip(rest, column)]
+    free = dict(zip(reduced.free, _particular([reduced.y[i] for i in reduced.free], rest)))
+    return _solution([-free[i] if i in free else values.get((i, 1), fmpq(0)) - values.get((i, -1), fmpq(0))
+                      for i in range(reduced.n)])
 
 
 def holds(problem: Problem, verdict: Verdict) -> bool:

@@ -1,303 +1,31 @@
-"""The motion of a mechanism from t = 0 to its end, enclosed.
-
-A step takes the set of states at one instant to a set at another, both instants exact numbers. The set is a
-parallelepiped c + Q r (Lohner 1987). Its image under the map G of the step, events within it included, is in mean value
-form
-
-    G(c) + DG (Q r) ,      DG = ... Phi2 S Phi1 ,     S = 1 + (f2 - f1) (grad g)^T / (dg/dt)
-
-with Phi the derivatives of the smooth stretches and S the jump of the derivative at a crossing of the guard g, from the
-field f1 to f2 (M. A. Aizerman & F. R. Gantmakher, Q. J. Mech. Appl. Math. 11, 1958). G is differentiable on the set
-because every crossing is proven to be one, with a slope, for every state of the set.
-"""
+"""The motion of a scene from t = 0 to its end, enclosed to a number of digits."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
-from functools import partial
-from math import isinf
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import ceil, log10
 
-import numpy as np
-from flint import arb, arb_mat, arb_poly
+from flint import arb, arb_mat
 
-from stiction.comparisons.proof.enclosures.arc import Arc, partials_at
-from stiction.comparisons.proof.enclosures.series import Expansion, TooLong, halves, identity, working
-from stiction.comparisons.proof.enclosures.zeros import Undecided, Zero, first_zero, newton
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, time_series
+from stiction.comparisons.proof.enclosures import NotProven
+from stiction.comparisons.proof.enclosures.series import TooLong, halves, identity
+from stiction.comparisons.proof.enclosures.zeros import Undecided
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
+from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
+from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
+from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
+from stiction.comparisons.proof.mechanisms.trammel import Trammel
+from stiction.comparisons.proof.step import SHORTEST, Leg, Precision, ProvenEvent, StateSet, Step, take_step
+from stiction.comparisons.truth.truth import NotThisMechanism
+from stiction.scenes import Scene
 
-_GRID = 2 ** 20
-"""Steps end at multiples of 1/_GRID s."""
+MECHANISMS: Mapping[type[ProvableMechanism], float] = {SlidingMass: 250.0, MovingGuide: 20.0, Trammel: 20.0,
+                                                       Pendulum: 250.0}
+"""Seconds of motion up to which a truth gets a proof: of a mass or pendulum in seconds, else in up to half a minute."""
+_ATTEMPTS = 4
 _LONGEST = 0.5
-_SHORTEST = 1e-5
-_MOST_LEGS = 60
-
-
-@dataclass(frozen=True)
-class StateSet:
-    """States (q, v) at an instant: centre + frame size, with 2n exact numbers, 2n x 2n exact ones and 2n balls."""
-
-    centre: tuple[arb, ...]
-    frame: arb_mat
-    size: tuple[arb, ...]
-
-    @classmethod
-    def box(cls, state: Sequence[arb]) -> StateSet:
-        """The set of all states in 2n balls."""
-        return cls(tuple(x.mid() for x in state), identity(len(state)), tuple(x - x.mid() for x in state))
-
-    def hull(self) -> list[arb]:
-        """Balls that contain the set."""
-        spread = self.frame * _column(self.size)
-        return [c + spread[i, 0] for i, c in enumerate(self.centre)]
-
-    def contains(self, state: Sequence[arb]) -> bool:
-        """Return whether a state is proven to be in the set."""
-        inside = self.frame.inv() * _column([x - c for x, c in zip(state, self.centre)])
-        return all(size.contains(inside[i, 0]) for i, size in enumerate(self.size))
-
-    def image(self, point: list[arb], derivative: arb_mat) -> StateSet:
-        """The image under a map, from that of the centre and the derivatives, in a frame along its longest sides."""
-        spread = derivative * self.frame
-        middle = np.array([[float(x.mid()) for x in row] for row in spread.tolist()])
-        length = np.array([float(abs(r).upper()) for r in self.size])
-        scaled = middle * (length / max(length.max(), 1e-300))
-        order = np.argsort(-np.linalg.norm(scaled, axis=0), kind="stable")
-        turned = np.linalg.qr(middle[:, order])[0]
-        return self._within(point, spread, arb_mat(turned.tolist()), tuple(x.mid() for x in point))
-
-    def _within(self, point: list[arb], spread: arb_mat, frame: arb_mat, centre: tuple[arb, ...]) -> StateSet:
-        inverse = frame.inv()
-        size = inverse * spread * _column(self.size) + inverse * _column([x - c for x, c in zip(point, centre)])
-        return StateSet(centre, frame, tuple(size[i, 0] for i in range(len(point))))
-
-    def image_lies_in(self, point: list[arb], derivative: arb_mat, other: StateSet) -> bool:
-        """Return whether the image is proven to lie in another set."""
-        image = self._within(point, derivative * self.frame, other.frame, other.centre)
-        return all(outer.contains(inner) for outer, inner in zip(other.size, image.size))
-
-
-def _upper(ball: arb) -> float:
-    return float(ball.upper())
-
-
-def _column(values: Sequence[arb]) -> arb_mat:
-    return arb_mat([[x] for x in values])
-
-
-@dataclass(frozen=True)
-class ProvenEvent:
-    """A change of mode: its time in a ball, state in balls."""
-
-    time: arb
-    kind: str
-    before: Hashable
-    after: Hashable
-    q: tuple[arb, ...]
-    v: tuple[arb, ...]
-
-
-@dataclass(frozen=True)
-class Leg:
-    """A stretch within a step in one mode, from t on for `end` seconds.
-
-    Polynomials in the time since t enclose the 2n components of the `state` and the columns of all `bodies`.
-    """
-
-    t: arb
-    end: arb
-    mode: Hashable
-    state: tuple[arb_poly, ...]
-    bodies: dict[str, arb_poly]
-
-    @classmethod
-    def of(cls, mechanism: ProvableMechanism, arc: Arc, end: arb, mode: Hashable) -> Leg:
-        """The beginning of an arc."""
-        def bodies(instant, order, q, v, a):
-            return [list(mechanism.bodies(time_series(instant, order), q, v).values())]
-
-        names = mechanism.bodies(arc.t, *halves([coefficients[0] for coefficients in arc.fine.state]))
-        (columns,) = arc.functions(bodies)
-        return cls(arc.t, end, mode, tuple(arc.polynomials()), dict(zip(names, columns)))
-
-
-@dataclass(frozen=True)
-class Step:
-    """A motion from a set `start` at t0 to its image at t1, both exact (t1 at the end of the motion a ball).
-
-    Attributes
-    ----------
-    point : list of arb
-        The image of the set's centre, 2n balls.
-    derivative : arb_mat
-        The image's by the start, on the set.
-    legs : tuple of Leg
-        One more than events.
-    remainder : float
-        The largest of its legs.
-    """
-
-    t0: arb
-    t1: arb
-    start: StateSet
-    point: list[arb]
-    derivative: arb_mat
-    events: tuple[ProvenEvent, ...]
-    legs: tuple[Leg, ...]
-    remainder: float
-
-    def image(self, margin: float) -> StateSet:
-        """A set around the image of `start`, wider by a thousandth and by `margin`: to be proven again otherwise."""
-        found = self.start.image(self.point, self.derivative)
-        return replace(found, size=tuple(_wider(size, margin) for size in found.size))
-
-
-def _wider(ball: arb, by: float) -> arb:
-    return ball + (ball.rad() / 1000 + by) * arb(0, 1)
-
-
-@dataclass(frozen=True)
-class Precision:
-    """Bits of the balls, order of the remainder, largest remainder of a step."""
-
-    bits: int
-    order: int
-    remainder: float
-
-    @property
-    def margin(self) -> float:
-        """Width that is added to what was found, to claim it."""
-        return 0.0 if isinf(self.remainder) else 10 * self.remainder
-
-    def working(self) -> AbstractContextManager[None]:
-        """Work with these bits, and series with one coefficient more than the order."""
-        return working(self.bits, self.order + 1)
-
-    @classmethod
-    def of(cls, digits: int) -> Precision:
-        """The precision at which enclosures of a width of 10^-digits are to be expected."""
-        return cls(int(3.33 * (digits + 12)) + 64, max(14, digits + 8), 10.0 ** -(digits + 8))
-
-
-class _Front:
-    """All solutions from a set up to an instant, and the one from its centre: times, states, the map's derivative."""
-
-    def __init__(self, t: arb, start: StateSet, held: Mapping[int, arb]):
-        self.t = self.point_t = t
-        self.state, self.point = start.hull(), list(start.centre)
-        self.derivative = identity(len(self.state))
-        self.hold(held)
-
-    def hold(self, held: Mapping[int, arb]) -> None:
-        """Set the velocities that a mode prescribes, by coordinate; they do not depend on the start."""
-        n, rows = len(self.state) // 2, self.derivative.tolist()
-        for i, speed in held.items():
-            self.state[n + i] = self.point[n + i] = speed
-            rows[n + i] = [arb(0)] * (2 * n)
-        self.derivative = arb_mat(rows)
-
-    def advance(self, arc: Arc, one: Expansion, tau: arb, point_tau: arb) -> None:
-        """Go on along an arc, by tau seconds; along the solution from the centre by others to the same event."""
-        self.t, self.point_t = self.t + tau, self.point_t + point_tau
-        self.state = [f(tau) for f in arc.polynomials()]
-        self.point = [f(point_tau) for f in arc.polynomials(one)]
-        self.derivative = arc.jacobian(tau) * self.derivative
-
-
-def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Next, h: float, precision: Precision,
-              t1: arb | None = None) -> Step:
-    """Enclose a step of about h seconds after its last event, to the end of the motion at most; to t1 where given.
-
-    Raises
-    ------
-    TooLong
-        If it does not get an enclosure.
-    Undecided
-        If something is not proven.
-    """
-    front, current = _Front(t0, start, mechanism.held(first.mode)), first
-    events, legs, remainder = [], [], 0.0
-    end = _grid(t0, h, mechanism.t_end) if t1 is None else t1
-    while True:
-        mode, length = current.mode, (end - front.t).upper()
-        arc = Arc.of(mechanism.timed(mode), front.t, length, front.state, precision.order)
-        mechanism.require_unique(mode, front.t + arb(0).union(length), arc.enclosure)
-        guards = partial(mechanism.guards, mode)
-        groups = arc.functions(guards)
-        remainder = max(remainder, _remainder(arc, groups, precision.remainder))
-        zero = _first_zero(arc, groups, current.zeros)
-        one = arc.one(front.point_t, front.point)
-        if zero is None:
-            tau, point_tau = end - front.t, end - front.point_t
-        elif len(legs) == _MOST_LEGS:
-            raise Undecided(f"more than {_MOST_LEGS} changes of mode within a step", front.t + zero.tau)
-        else:
-            tau = zero.tau
-            point_tau = newton(arc.functions(guards, one, front.point_t)[zero.group][zero.function], tau)
-        legs.append(Leg.of(mechanism, arc, tau, mode))
-        front.advance(arc, one, tau, point_tau)
-        front.hold(mechanism.held(mode))
-        if zero is None:
-            return Step(t0, end, start, front.point, front.derivative, tuple(events), tuple(legs), remainder)
-        current = mechanism.after(mode, zero.group, front.t, *halves(front.state))
-        if not current.smooth:
-            slope = groups[zero.group][zero.function].derivative()(tau)
-            front.derivative = _jump(mechanism, (mode, current.mode), front, zero, slope) * front.derivative
-        front.hold(mechanism.held(current.mode))
-        q, v = halves(front.state)
-        time = _wider(front.t, precision.margin)
-        events.append(ProvenEvent(time, current.kind, mode, current.mode, tuple(q), tuple(v)))
-        if t1 is None:
-            end = _grid(front.t, h, mechanism.t_end)
-        elif not front.t < end:
-            raise Undecided("a change of mode at the end of a step", front.t)
-
-
-def _grid(t: arb, h: float, t_end: arb) -> arb:
-    """An instant about h seconds after t; the end of the motion rather than an instant just before it."""
-    end = arb(int((float(t.mid()) + h) * _GRID) + 1) / _GRID
-    return end if end + h / 8 < t_end else t_end
-
-
-def _remainder(arc: Arc, groups: Sequence[Sequence[arb_poly]], largest: float) -> float:
-    """The largest remainder of states and guards over an arc.
-
-    Raises
-    ------
-    TooLong
-        If it is not smaller than `largest`.
-    """
-    scale = arc.h ** arc.order
-    size = max([arc.remainder(), *(abs(f[arc.order]) * scale for group in groups for f in group)], key=_upper)
-    if not size < largest:
-        raise TooLong(f"remainder {size.str(3)}")
-    return _upper(size)
-
-
-def _first_zero(arc: Arc, groups: Sequence[Sequence[arb_poly]], zeros: Mapping[int, int]) -> Zero | None:
-    """The first zero of the guards of an arc; Undecided counts time from the start of the motion."""
-    try:
-        return first_zero(groups, arc.h, zeros)
-    except Undecided as error:
-        raise Undecided(error.reason, arc.t + error.time) from None
-
-
-def _jump(mechanism: ProvableMechanism, modes: tuple[Hashable, Hashable], front: _Front, zero: Zero,
-          slope: arb) -> arb_mat:
-    """S at a change of mode, with slope = dg/dt along the motion before the event."""
-    before, after = (mechanism.timed(mode)(front.t, 1) for mode in modes)
-
-    def guard(q, v):
-        return [mechanism.guards(modes[0], front.t, 1, q, v, before(q, v))[zero.group][zero.function]]
-
-    _, (gradient,) = partials_at(guard, front.state)
-    rows, n = identity(len(front.state)).tolist(), len(front.state) // 2
-    pairs = zip(*(partials_at(equation, front.state)[0] for equation in (before, after)))
-    for i, (a_before, a_after) in enumerate(pairs):
-        jump = (a_after - a_before) / slope
-        rows[n + i] = [x + jump * g for x, g in zip(rows[n + i], gradient)]
-    return arb_mat(rows)
+"""Longest step, s."""
 
 
 @dataclass(frozen=True)
@@ -310,9 +38,9 @@ class ProvenMotion:
     end: StateSet
 
     @property
-    def events(self) -> tuple[ProvenEvent, ...]:
+    def events(self) -> list[ProvenEvent]:
         """Events of all steps, in order."""
-        return tuple(event for step in self.steps for event in step.events)
+        return [event for step in self.steps for event in step.events]
 
     @property
     def legs(self) -> list[Leg]:
@@ -325,13 +53,11 @@ class ProvenMotion:
         Raises
         ------
         ValueError
-            For a time that is not proven to be within the motion.
+            For a time that is not within the motion.
         """
-        t_end = self.mechanism.t_end
-        if not (t >= 0 and (t <= t_end or t_end.contains(t))):
-            raise ValueError(f"t: found {t.str(10)} s; expected times within 0 .. {t_end.str(10)} s")
-        around = [leg for step in self.steps if not (t < step.t0 or t > step.t1) for leg in step.legs
-                  if not (t - leg.t < 0 or t - leg.t > leg.end)]
+        around = [leg for leg in self.legs if not (t - leg.t < 0 or t - leg.t > leg.end)]
+        if not around:
+            raise ValueError(f"t: found {t.str(10)} s; expected times within 0 .. {self.mechanism.t_end.str(10)} s")
         hull, *others = ([f(t - leg.t) for f in leg.state] for leg in around)
         for other in others:
             hull = [a.union(b) for a, b in zip(hull, other)]
@@ -339,7 +65,7 @@ class ProvenMotion:
 
     def derivative(self) -> arb_mat:
         """Derivative of the end state by the start, on the set of starts."""
-        total = identity(2 * len(self.mechanism.q))
+        total = identity(len(self.end.centre))
         for step in self.steps:
             total = step.derivative * total
         return total
@@ -348,18 +74,13 @@ class ProvenMotion:
         """The largest width of position and velocity at the ends of steps and of the times of events."""
         sets = [*(step.start for step in self.steps), self.end]
         ends = [x for states in sets for x in states.hull()] + [event.time for event in self.events]
-        return max((2 * x.rad() for x in ends), key=_upper)
+        return max((2 * x.rad() for x in ends), key=lambda ball: float(ball.upper()))
 
 
 def prove(mechanism: ProvableMechanism, precision: Precision, start: StateSet | None = None) -> ProvenMotion:
     """Enclose the motion from t = 0 to its end; from all states of `start` where that is given.
 
-    Call it with `Precision.working`.
-
-    Raises
-    ------
-    Undecided
-        With the time and the reason.
+    Call it with `Precision.working`. Raises Undecided, with the time and the reason.
     """
     states = StateSet.box([*mechanism.q, *mechanism.v]) if start is None else start
     t, current, h, steps = arb(0), mechanism.start(), _LONGEST / 4, []
@@ -370,7 +91,7 @@ def prove(mechanism: ProvableMechanism, precision: Precision, start: StateSet | 
             h *= 0.7
             if isinstance(error, Undecided) and h < 1e-2:
                 raise
-            if h < _SHORTEST:
+            if h < SHORTEST:
                 raise Undecided(str(error), t) from error
             continue
         steps.append(step)
@@ -378,3 +99,41 @@ def prove(mechanism: ProvableMechanism, precision: Precision, start: StateSet | 
         growth = 0.9 * (precision.remainder / max(step.remainder, 1e-300)) ** (1 / precision.order)
         h = min(_LONGEST, h * min(1.5, growth))
     return ProvenMotion(mechanism, precision, tuple(steps), states)
+
+
+def provable(scene: Scene) -> ProvableMechanism:
+    """The scene as a mechanism whose motion can be proven, its numbers at the working precision.
+
+    Raises NotThisMechanism, with what keeps it from being each of them.
+    """
+    reasons = []
+    for mechanism in MECHANISMS:
+        try:
+            return mechanism.from_scene(scene)
+        except NotThisMechanism as error:
+            reasons.append(str(error))
+    raise NotThisMechanism("\n".join(reasons))
+
+
+def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
+    """Enclose a scene's motion: positions and velocities (at the ends of steps) and times of events to 10^-digits.
+
+    The numbers of the scene count as they are written; digits are decimal places, in m, rad, m/s, rad/s and s.
+
+    Raises
+    ------
+    NotThisMechanism
+        If the scene is none of the mechanisms.
+    NotProven
+        `Undecided` with the time; or where enclosures stay wider at every precision that is tried.
+    """
+    asked = digits
+    for _ in range(_ATTEMPTS):
+        precision = Precision.of(asked)
+        with precision.working():
+            motion = prove(provable(scene), precision)
+            width = float(motion.width().upper())
+        if width <= 10.0 ** -digits:
+            return motion
+        asked += ceil(log10(width) + digits) + 2
+    raise NotProven(f"{scene.name}: found a width of {width:.2g} at {precision.bits} bits; expected 1e-{digits}")

@@ -51,10 +51,7 @@ def certificates() -> list[Path]:
 def with_theorem(scene: Scene, found: StickThreshold) -> StickThreshold:
     """A threshold with its proven interval where the scene is that of a theorem; as it is otherwise.
 
-    Raises
-    ------
-    Contradiction
-        If it is not within the interval.
+    Raises Contradiction if it is not within the interval.
     """
     mechanism = SliderBar.from_scene(scene)
     for theorem in map(Theorem.read, certificates()):

@@ -14,28 +14,26 @@ leads to.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from fractions import Fraction
 
 import numpy as np
 from flint import arb, arb_mat
 
+from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.exact import Exact, ExactScene
 from stiction.comparisons.proof.enclosures.series import identity
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
-from stiction.comparisons.proof.motion import Precision, ProvenEvent, ProvenMotion, StateSet, prove
+from stiction.comparisons.proof.motion import ProvenMotion, prove
+from stiction.comparisons.proof.step import Precision, ProvenEvent, StateSet
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import SteadyState, steady_state, stick_threshold
-from stiction.scenes import Scene, StictionError, vary
+from stiction.scenes import Scene, vary
 
 _DIGITS = 24
-_MOST_PLACES = 24
 _REFINEMENTS = 6
 _PERIODS = 200
 """Periods that the motion from the scene's start may take to come into B."""
-
-
-class NotProven(StictionError, ArithmeticError):
-    """A step of the theorem that does not go through."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class ProvenSteadyState:
     Attributes
     ----------
     F0 : Fraction
-        Amplitude of the load, N, exact.
+        Amplitude of the load, N.
     period : arb
         n T, s; `count` is n.
     state : tuple of arb
@@ -54,10 +52,8 @@ class ProvenSteadyState:
         Upper bound of q on `states`, B.
     periods : int
         After so many n T the motion from the scene's start is in B.
-    events : tuple of ProvenEvent
+    events : list of ProvenEvent
         Of one period; `sticks` where it has a stick phase.
-    precision : Precision
-        Of the proof, for `digits` decimal places.
     """
 
     F0: Fraction
@@ -67,9 +63,8 @@ class ProvenSteadyState:
     states: StateSet
     count: int
     periods: int
-    events: tuple[ProvenEvent, ...]
+    events: list[ProvenEvent]
     sticks: bool
-    precision: Precision
     digits: int
 
     def sentence(self) -> str:
@@ -100,12 +95,9 @@ class ProvenThreshold:
 
 
 def decimal(number: Fraction) -> str:
-    """A decimal fraction in full; any other one as a quotient."""
-    for places in range(_MOST_PLACES):
-        if (number * 10 ** places).denominator == 1:
-            digits = str(int(number * 10 ** places)).zfill(places + 1)
-            return f"{digits[:-places]}.{digits[-places:]}" if places else digits
-    return f"{number.numerator}/{number.denominator}"
+    """Write a decimal fraction in full; any other one as a quotient."""
+    text = f"{Decimal(number.numerator) / number.denominator:f}"
+    return text if Fraction(text) == number else str(number)
 
 
 def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
@@ -117,8 +109,6 @@ def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
         If the scene is no slider-bar.
     NotProven
         Where no threshold is known to begin with, or a proof does not go through.
-    Undecided
-        Where the contact mode cannot be proven.
     """
     found = stick_threshold(scene)
     if found.F0 is None:
@@ -134,29 +124,20 @@ def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
 
 def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
     """The steady state at an amplitude; raises as `proven_threshold`."""
-    loaded = at_amplitude(scene, F0)
-    near = steady_state(SliderBar.from_scene(loaded))
-    precision = Precision.of(_DIGITS)
-    with precision.working():
-        return _found(loaded, near, F0, precision)
+    near = steady_state(SliderBar.from_scene(_at_amplitude(scene, F0)))
+    with Precision.of(_DIGITS).working():
+        return _found(scene, near, F0)
 
 
-def at_amplitude(scene: Scene, F0: Fraction) -> Scene:
-    """The scene with an exact amplitude of its load."""
-    ((load, _),) = scene.forces.items()
-    return vary(scene, {f"forces.{load}.law.amplitude": f"{F0.numerator}/{F0.denominator}"})
+def _at_amplitude(scene: Scene, F0: Fraction) -> Scene:
+    [load] = scene.forces
+    return vary(scene, {f"forces.{load}.law.amplitude": str(F0)})
 
 
-def _mechanism(scene: Scene, count: int) -> SlidingMass:
-    """The slider-bar over n = count common periods T of bar and load; their frequencies have a rational ratio.
-
-    Raises
-    ------
-    NotProven
-        Where the ratio is not known to be rational.
-    """
-    e = ExactScene(scene)
-    ((drive, _),), ((load, _),) = scene.drives.items(), scene.forces.items()
+def _mechanism(scene: Scene, F0: Fraction, count: int) -> SlidingMass:
+    """The slider-bar over n = count common periods T of bar and load; raises NotProven where they have none."""
+    loaded = _at_amplitude(scene, F0)
+    e, [drive], [load] = ExactScene(loaded), scene.drives, scene.forces
     rate, frequency = e("drives", drive, "law", "rate"), e("forces", load, "law", "frequency")
     ratio = (frequency / rate).factors
     if ratio is None or ratio[1] != 0:
@@ -164,25 +145,25 @@ def _mechanism(scene: Scene, count: int) -> SlidingMass:
                         "expected a rational ratio")
     q, k = rate.factors or (1, 0)
     period = abs(Exact.of(2 * ratio[0].q / q, 1 - k).ball)
-    return replace(SlidingMass.from_scene(scene), t_end=period * count)
+    return replace(SlidingMass.from_scene(loaded), t_end=period * count)
 
 
-def _motion_from(mechanism: SlidingMass, states: StateSet, precision: Precision) -> ProvenMotion:
+def _motion_from(mechanism: SlidingMass, states: StateSet, digits: int) -> ProvenMotion:
     """The motion from all states of a set, none of them at rest."""
     x, speed = states.hull()
-    return prove(replace(mechanism, q=[x], v=[speed], at_rest=False), precision, states)
+    return prove(replace(mechanism, q=[x], v=[speed], at_rest=False), Precision.of(digits), states)
 
 
 def _difference(states: list[arb], others: list[arb]) -> arb_mat:
     return arb_mat([[b - a] for a, b in zip(states, others)])
 
 
-def _found(scene: Scene, near: SteadyState, F0: Fraction, precision: Precision) -> ProvenSteadyState:
+def _found(scene: Scene, near: SteadyState, F0: Fraction) -> ProvenSteadyState:
     """The steady state with a B that is sought about a state found in floats, by Newton's method."""
-    mechanism = _mechanism(scene, near.periods)
+    mechanism = _mechanism(scene, F0, near.periods)
     centre = [arb(float(value)) for value in near.state]
     for _ in range(_REFINEMENTS):
-        motion = _motion_from(mechanism, StateSet.box(centre), precision)
+        motion = _motion_from(mechanism, StateSet.box(centre), _DIGITS)
         slope = motion.derivative()
         correction = (identity(2) - slope).solve(_difference(centre, motion.end.hull()))
         centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
@@ -190,39 +171,31 @@ def _found(scene: Scene, near: SteadyState, F0: Fraction, precision: Precision) 
     for exponent in range(8, _DIGITS, 2):
         states = StateSet(tuple(centre), frame, (arb(10.0 ** -exponent) * arb(0, 1),) * 2)
         try:
-            return proven_on(scene, F0, near.periods, states, precision)
-        except (ArithmeticError, NotProven) as error:
+            return proven_on(scene, F0, near.periods, states, _DIGITS)
+        except ArithmeticError as error:
             reason = str(error)
     raise NotProven(reason)
 
 
-def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, precision: Precision,
-              digits: int = _DIGITS) -> ProvenSteadyState:
+def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, digits: int) -> ProvenSteadyState:
     """The steady state at an amplitude F0, with B given: both inequalities, and that the start leads into B.
 
-    Call it with `Precision.working`.
-
-    Raises
-    ------
-    NotProven
-        Where an inequality does not hold, or the start does not lead into B.
-    Undecided
-        Where the contact mode cannot be proven for all of B.
+    Call it at the working precision of the digits. Raises NotProven where that does not hold.
     """
-    mechanism, centre, frame = _mechanism(scene, count), list(states.centre), states.frame
+    mechanism, centre, frame = _mechanism(scene, F0, count), list(states.centre), states.frame
     inverse, radius = frame.inv(), min((size.rad() for size in states.size), key=float)
-    motion = _motion_from(mechanism, states, precision)
+    motion = _motion_from(mechanism, states, digits)
     rate = _norm(inverse * motion.derivative() * frame)
-    image = _motion_from(mechanism, StateSet.box(centre), precision).end.hull()
+    image = _motion_from(mechanism, StateSet.box(centre), digits).end.hull()
     residual = _norm(inverse * _difference(centre, image))
     if not (rate < 1 and residual <= (1 - rate) * radius):
         raise NotProven(f"F0 = {float(F0):.12g} N: no contraction: factor {rate.str(5)}, residual {residual.str(3)}")
     tight = residual / (1 - rate)
     state = [c + sum((abs(frame[i, j]) for j in range(2)), arb(0)) * tight * arb(0, 1) for i, c in enumerate(centre)]
     sticks = any(event.kind == "stick" for event in motion.events) or motion.legs[0].mode[0] == 0
-    periods = _reached(mechanism, states, precision)
+    periods = _reached(mechanism, states, Precision.of(digits))
     return ProvenSteadyState(F0, mechanism.t_end, tuple(state), float(rate.upper()), states, count, periods,
-                             motion.events, sticks, precision, digits)
+                             motion.events, sticks, digits)
 
 
 def _frame(slope: arb_mat) -> arb_mat:

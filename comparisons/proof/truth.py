@@ -2,7 +2,7 @@
 
 A certificate holds polynomials in floats for positions and velocities of all bodies, a proven bound of the error of
 each, and the events. To read one takes no ball arithmetic, so that the tier of a truth does not depend on what is
-installed. It is bound to the content of the scene (`scene_digest`): any other scene has the truth of the tier below.
+installed. It is bound to the content of the scene (`motion_digest`): any other scene has the truth of the tier below.
 `truth_certificate` makes and checks them.
 """
 
@@ -12,7 +12,7 @@ import gzip
 import json
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import zip_longest
@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 
 from stiction.comparisons.digest import SHORT, digest
 from stiction.comparisons.proof.theorems import DATA, Contradiction
 from stiction.comparisons.truth.truth import PROVEN, Truth
 from stiction.scenes import Scene, scene_to_toml
 
-FORMAT = "stiction truth proof 1"
 SUFFIX = ".json.gz"
 _INSTANTS = 499
 _ESTIMATED = 10.0
@@ -39,60 +39,48 @@ _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
 @dataclass(frozen=True)
-class ProvenColumns:
-    """Columns as polynomials in floats.
+class ProvenTruth:
+    """A motion from 0 to t_end by its certificate: columns as polynomials in floats, and events.
 
     Attributes
     ----------
     starts : ndarray, shape (legs,)
         Seconds; each leg ends where the next one starts.
-    coefficients : dict of ndarray
-        By column, shape (legs, terms), from the lowest power of the time since the start of the leg.
+    coefficients : dict of ndarray, shape (legs, terms)
+        By column, from the lowest power of the time since the start of the leg.
     derivatives : Mapping[str, str]
         By column, that whose derivative it is.
     errors : Mapping[str, float]
         By column, a bound of its error, that of its evaluation in floats included.
+    events : tuple of (kind, joint, time)
+        Known to `event_time` seconds.
     """
 
+    t_end: float
     starts: np.ndarray
     coefficients: dict[str, np.ndarray]
     derivatives: Mapping[str, str]
     errors: Mapping[str, float]
-
-    def __call__(self, t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        """The columns at times t, by Horner's rule."""
-        owner = np.maximum(np.searchsorted(self.starts, t, side="right" if side == "after" else "left") - 1, 0)
-        tau, found = t - self.starts[owner], {}
-        columns = dict(self.coefficients)
-        for name, of in self.derivatives.items():
-            columns[name] = columns[of][:, 1:] * np.arange(1, columns[of].shape[1])
-        for name, terms in columns.items():
-            value = np.zeros(len(t))
-            for k in range(terms.shape[1] - 1, -1, -1):
-                value = value * tau + terms[owner, k]
-            found[name] = value
-        return found
-
-
-@dataclass(frozen=True)
-class ProvenTruth:
-    """A motion from 0 to t_end by its certificate: columns, and events (kind, joint, time) known to `width` seconds."""
-
-    t_end: float
-    columns: ProvenColumns
     events: tuple[tuple[str, str, float], ...]
-    width: float
+    event_time: float
 
     @classmethod
     def of(cls, claims: Mapping[str, Any]) -> ProvenTruth:
         """Read the tables of a certificate."""
         coefficients = {name: np.array([*zip_longest(*legs, fillvalue=0.0)]).T
                         for name, legs in claims["coefficients"].items()}
-        columns = ProvenColumns(np.array(claims["starts"]), coefficients, claims["derivatives"], claims["errors"])
-        return cls(claims["t_end"], columns, tuple(map(tuple, claims["events"])), claims["event time"])
+        return cls(claims["t_end"], np.array(claims["starts"]), coefficients, claims["derivatives"], claims["errors"],
+                   tuple(map(tuple, claims["events"])), claims["event time"])
+
+    def columns(self, t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        """The columns at times t, by Horner's rule."""
+        leg = np.maximum(np.searchsorted(self.starts, t, side="right" if side == "after" else "left") - 1, 0)
+        tau, columns = t - self.starts[leg], dict(self.coefficients)
+        columns |= {name: polyder(columns[of], axis=1) for name, of in self.derivatives.items()}
+        return {name: polyval(tau, terms[leg].T, tensor=False) for name, terms in columns.items()}
 
 
-def scene_digest(text: str) -> str:
+def motion_digest(text: str) -> str:
     """Digest of a scene's text as far as its motion depends on it; numbers as written, names of parameters left out."""
     raw = tomllib.loads(text)
     content = {key: _put_in(value, raw.get("parameters", {})) for key, value in raw.items() if key not in _UNPROVEN}
@@ -107,20 +95,16 @@ def certificates() -> list[Path]:
 def with_proof(scene: Scene, truth: Truth) -> Truth:
     """The truth with proven positions, velocities and events where a certificate is of its scene; else as it is.
 
-    Raises
-    ------
-    Contradiction
-        If the truth has other events, or columns that differ by more than they may.
+    Raises Contradiction where the truth has other events, or columns that differ by more than they may.
     """
-    proven = _proven(scene_digest(scene_to_toml(scene)))
+    proven = _proven(motion_digest(scene_to_toml(scene)))
     if proven is None or truth.t_end > proven.t_end:
         return truth
-    kinds = [(event.kind, event.joint) for event in truth.events]
-    events, later = proven.events[:len(kinds)], proven.events[len(kinds):]
-    if kinds != [event[:2] for event in events] or any(time < truth.t_end - _AT_THE_END for _, _, time in later):
-        expected = _words([event[:2] for event in proven.events])
-        raise Contradiction(f"{truth.scene}: found events {_words(kinds)}; proven are {expected}")
-    errors = {name: error for name, error in proven.columns.errors.items() if name in truth.uncertainty}
+    found, listed = [(event.kind, event.joint) for event in truth.events], [event[:2] for event in proven.events]
+    times, later = np.split([time for *_, time in proven.events], [len(found)])
+    if found != listed[:len(found)] or any(later < truth.t_end - _AT_THE_END):
+        raise Contradiction(f"{truth.scene}: found events {_words(found)}; proven are {_words(listed)}")
+    errors = {name: error for name, error in proven.errors.items() if name in truth.uncertainty}
     instants = np.linspace(0.0, truth.t_end, _INSTANTS)
     estimated, enclosed = truth.columns(instants, "after"), proven.columns(instants, "after")
     for name, error in errors.items():
@@ -128,27 +112,22 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
         if not off <= allowed:
             raise Contradiction(f"{truth.scene}: {name}: found a truth {off:.2g} off what is proven; "
                                 f"expected at most {allowed:.2g}")
-    times = [time for _, _, time in events]
-    return replace(truth, tier=PROVEN, tier_below=truth.tier, columns=_columns(truth, proven.columns, times),
-                   uncertainty={**truth.uncertainty, **errors, "event time": proven.width},
-                   events=tuple(replace(event, time=time) for event, time in zip(truth.events, times)))
 
-
-def _columns(truth: Truth, proven: ProvenColumns,
-             times: list[float]) -> Callable[[np.ndarray, str], dict[str, np.ndarray]]:
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         at = t.copy()
         for time, event in zip(times, truth.events):  # the truth has two sides of an event at its own time for it
             at[t == time] = event.time
         found = truth.columns(at, side)
-        return found | {name: values for name, values in proven(t, side).items() if name in found}
+        return found | {name: values for name, values in proven.columns(t, side).items() if name in found}
 
-    return columns
+    return replace(truth, tier=PROVEN, tier_below=truth.tier, columns=columns,
+                   uncertainty={**truth.uncertainty, **errors, "event time": proven.event_time},
+                   events=tuple(replace(event, time=float(time)) for event, time in zip(truth.events, times)))
 
 
 @lru_cache(maxsize=4)
 def _proven(digest: str) -> ProvenTruth | None:
-    file = next((file for file in certificates() if file.name.endswith(f".{digest}{SUFFIX}")), None)
+    file = next(DATA.glob(f"truth-*.{digest}{SUFFIX}"), None)
     return None if file is None else ProvenTruth.of(json.loads(gzip.decompress(file.read_bytes())))
 
 

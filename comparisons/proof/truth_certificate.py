@@ -2,7 +2,7 @@
 
 A file claims, of the scene that it holds: *at every time t from 0 to ``t_end``, each column, evaluated in floats by
 Horner's rule from the coefficients of the leg in which t lies, is off the exact motion by no more than its error; the
-events are the listed ones, each within ``event time`` of its time.* `check` proves the motion anew with more digits,
+events are the listed ones, each within ``event time`` of its time.* The check proves the motion anew with more digits,
 thus other steps, and compares the polynomials. `stiction.comparisons.proof.truth` reads the files without this module.
 
     python -m stiction.comparisons.proof.truth_certificate
@@ -13,31 +13,27 @@ scenes.
 
 from __future__ import annotations
 
-import gzip
-import json
 import sys
-import tomllib
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from itertools import takewhile
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
+from itertools import product, takewhile
 from math import ceil, log10
 from pathlib import Path
-from typing import Any
 
 from flint import arb, arb_poly
 
-from stiction.comparisons.atomic_files import whole_file
 from stiction.comparisons.measures.scene_truth import rubbing_guides
-from stiction.comparisons.proof.enclosures.exact import NotComparable
+from stiction.comparisons.proof.certificate import (Claims, Failure, Format, NotACertificate, claimed_scene,
+                                                    write_certificate)
+from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.series import working
-from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.motion import ProvenMotion
-from stiction.comparisons.proof.proving import MECHANISMS, TooWide, provable, prove_scene
-from stiction.comparisons.proof.tables import Failure, NotACertificate, checking
+from stiction.comparisons.proof.motion import MECHANISMS, ProvenMotion, provable, prove_scene
+from stiction.comparisons.proof.step import ProvenEvent
 from stiction.comparisons.proof.theorems import DATA
-from stiction.comparisons.proof.truth import FORMAT, SUFFIX, certificates, scene_digest
+from stiction.comparisons.proof.truth import SUFFIX, certificates, motion_digest
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.comparisons.variants import physics_of
-from stiction.scenes import Scene, catalogue, load_scene, scene_from_dict, scene_to_toml
+from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml
 
 DIGITS = 14
 _MORE_DIGITS = 4
@@ -51,14 +47,8 @@ _AT_ONCE = 1e-12
 """s; corners of one guide that are closer are one event for all but a proof."""
 
 
-def truth_certificate(scene: Scene) -> dict[str, Any]:
-    """Claims about a scene's motion, as the tables of a JSON file.
-
-    Raises
-    ------
-    NotThisMechanism, Undecided, TooWide, NotComparable
-        Where nothing is proven, see `prove_scene`.
-    """
+def truth_certificate(scene: Scene) -> Claims:
+    """Return the claims about a scene's motion; raises as `prove_scene`."""
     motion, text = prove_scene(scene, DIGITS), scene_to_toml(scene)
     with motion.precision.working():
         starts = [float(leg.t.mid()) for leg in motion.legs]
@@ -66,52 +56,42 @@ def truth_certificate(scene: Scene) -> dict[str, Any]:
         legs = [leg for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end]) if start < end]
         columns = legs[0].bodies
         derivatives = _derivatives(columns)
-        claims = {"format": FORMAT, "scene": scene.name, "digest": scene_digest(text), "file": text, "digits": DIGITS,
-                  "t_end": scene.t_end, "starts": [float(leg.t.mid()) for leg in legs], "derivatives": derivatives,
+        claims = {"format": FORMAT.name, "scene": scene.name, "digest": motion_digest(text), "file": text,
+                  "digits": DIGITS, "t_end": scene.t_end, "starts": [float(leg.t.mid()) for leg in legs],
+                  "derivatives": derivatives,
                   "coefficients": {name: [_floats(leg.bodies[name], _upper(leg.end)) for leg in legs]
                                    for name in columns if name not in derivatives}}
         claims["errors"] = {name: error * _SLACK for name, error in _errors(claims, motion).items()}
         events = _events(motion, scene)
-        claims["events"] = [[kind, joint, float(time.mid())] for kind, joint, time in events]
-        width = max((_upper(time.rad()) for _, _, time in events), default=0.0)
+        claims["events"] = [[event.kind, event.joint, float(event.time.mid())] for event in events]
+        width = max((_upper(event.time.rad()) for event in events), default=0.0)
         claims["event time"] = width * _SLACK + _ROUNDING * scene.t_end
         return claims
 
 
-def check(claims: dict[str, Any]) -> list[Failure]:
-    """Prove the motion anew, and every claim with it; the failures, none if all hold.
-
-    Raises
-    ------
-    NotACertificate
-        Where the tables lack something.
-    """
-    with checking(FORMAT):
-        try:
-            return list(_failures(claims))
-        except (Undecided, TooWide, NotComparable, NotThisMechanism) as error:
-            return [Failure(-1, str(error))]
-
-
-def _failures(claims: dict[str, Any]) -> Iterator[Failure]:
-    scene = scene_from_dict(tomllib.loads(claims["file"]), claims["scene"])
-    claimed, digest = (claims["digest"], claims["t_end"]), scene_digest(claims["file"])
+def _failures(claims: Claims) -> Iterator[Failure]:
+    scene = claimed_scene(claims)
+    claimed, digest = (claims["digest"], claims["t_end"]), motion_digest(claims["file"])
     if claimed != (digest, scene.t_end):
         yield Failure(-1, f"digest and t_end: found {claimed}; the scene has {(digest, scene.t_end)}")
         return
-    motion = prove_scene(scene, int(claims["digits"]) + _MORE_DIGITS)
+    try:
+        motion = prove_scene(scene, int(claims["digits"]) + _MORE_DIGITS)
+    except (NotProven, NotThisMechanism) as error:
+        yield Failure(-1, str(error))
+        return
     with motion.precision.working():
         for name, error in _errors(claims, motion).items():
             if not error <= claims["errors"][name]:
                 yield Failure(-1, f"{name}: off by up to {error:.3g}; claimed {claims['errors'][name]:.3g}")
         found, listed, width = _events(motion, scene), claims["events"], claims["event time"]
-        if [(kind, joint) for kind, joint, _ in found] != [(kind, joint) for kind, joint, _ in listed]:
+        if [(event.kind, event.joint) for event in found] != [(kind, joint) for kind, joint, _ in listed]:
             yield Failure(-1, "other events")
-        elif not all(abs(time - near) <= width for (_, _, time), (_, _, near) in zip(found, listed)):
+        elif not all(abs(event.time - near) <= width for event, (_, _, near) in zip(found, listed)):
             yield Failure(-1, "the time of an event is not within its interval")
 
 
-def _errors(claims: Mapping[str, Any], motion: ProvenMotion) -> dict[str, float]:
+def _errors(claims: Claims, motion: ProvenMotion) -> dict[str, float]:
     """Bounds by column of the error of its evaluation in floats.
 
     On each stretch that a leg of the file has in common with one of the motion both polynomials are taken about the
@@ -153,23 +133,22 @@ def _rounding(polynomial: arb_poly, length: float) -> float:
 
 def _derivatives(columns: Collection[str]) -> dict[str, str]:
     """Columns that are the rates of others."""
-    parts = {name: name.rpartition(".") for name in columns}
-    found = {f"{element}.{_RATES[part]}": name for name, (element, _, part) in parts.items() if part in _RATES}
-    return {rate: name for rate, name in found.items() if rate in parts}
+    parts = ((name, *name.rpartition(".")) for name in columns)
+    rates = {f"{element}.{_RATES.get(part)}": name for name, element, _, part in parts}
+    return {rate: name for rate, name in rates.items() if rate in columns}
 
 
-def _events(motion: ProvenMotion, scene: Scene) -> list[tuple[str, str, arb]]:
-    """Kind, joint and time of the events that count; of corners of a guide within `_AT_ONCE` the last."""
-    kept: list[tuple[str, str, arb]] = []
+def _events(motion: ProvenMotion, scene: Scene) -> list[ProvenEvent]:
+    """The events that count; of corners of a guide within `_AT_ONCE` the last."""
+    kept: list[ProvenEvent] = []
     counted = rubbing_guides(scene)
     for event in motion.events:
-        joint = motion.mechanism.event_joint(event.before, event.after)
-        if joint not in counted:
+        if event.joint not in counted:
             continue
-        if kept and kept[-1][:2] == (event.kind, joint) == ("corner", joint):
-            if not event.time - kept[-1][2] > _AT_ONCE:
-                kept.pop()
-        kept.append((event.kind, joint, event.time))
+        if (kept and kept[-1].kind == event.kind == "corner" and kept[-1].joint == event.joint
+                and not event.time - kept[-1].time > _AT_ONCE):
+            kept.pop()
+        kept.append(event)
     return kept
 
 
@@ -190,29 +169,26 @@ def _upper(ball: arb) -> float:
     return float(ball.upper()) * (1 + 2 * _ROUNDING)
 
 
+FORMAT = Format("stiction truth proof 1", "column", lambda claims: len(claims["errors"]), _failures)
+
+
 def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
     """Scenes of the catalogue whose motion can be proven, and the same with mus = mu, each once."""
     seen = set()
-    for name in names or catalogue():
-        for static in (True, False):
-            scene = physics_of(load_scene(name), static)
-            digest = scene_digest(scene_to_toml(scene))
-            try:
-                with working(64, 2):
-                    if digest in seen or scene.t_end > MECHANISMS[type(provable(scene))]:
-                        continue
-            except NotThisMechanism:
-                continue
-            seen.add(digest)
-            yield scene
+    for name, static in product(names or catalogue(), (True, False)):
+        scene = physics_of(load_scene(name), static)
+        digest = motion_digest(scene_to_toml(scene))
+        with suppress(NotThisMechanism):
+            with working(64, 2):
+                mechanism = type(provable(scene))
+            if digest not in seen and scene.t_end <= MECHANISMS[mechanism]:
+                seen.add(digest)
+                yield scene
 
 
-def write_certificate(claims: dict[str, Any], folder: Path) -> Path:
-    """Write the file, whole or not at all, in place of one of the same scene."""
-    path = folder / f"truth-{claims['scene'].rpartition('/')[2]}.{claims['digest']}{SUFFIX}"
-    with whole_file(path) as partial:
-        partial.write_bytes(gzip.compress(json.dumps(claims, separators=(",", ":")).encode(), mtime=0))
-    return path
+def certificate_path(claims: Claims) -> Path:
+    """Return where the certificate of a scene stands."""
+    return DATA / f"truth-{claims['scene'].rpartition('/')[2]}.{claims['digest']}{SUFFIX}"
 
 
 def main(names: Sequence[str]) -> None:
@@ -220,10 +196,12 @@ def main(names: Sequence[str]) -> None:
     written = set()
     for scene in provable_scenes(names):
         try:
-            path = write_certificate(truth_certificate(scene), DATA)
-        except (Undecided, TooWide, NotComparable) as error:
+            claims = truth_certificate(scene)
+        except NotProven as error:
             print(f"{scene.name}: not proven: {error}")
             continue
+        path = certificate_path(claims)
+        write_certificate(claims, path)
         written.add(path.name)
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)
     for file in [] if names else certificates():

@@ -15,6 +15,10 @@ from stiction.scenes import StictionError
 JUDGEMENTS = ("right", "misses a solution", "rightly none", "solves what has none", "wrong", "not judged")
 """Judgements of a solver's answer. "wrong": it is not a solution to the accuracy of a replay, whatever is proven."""
 
+_JUDGED = {(SOLVED, SOLVED): "right", (SOLVED, NONE): "misses a solution", (NONE, NONE): "rightly none",
+           (NONE, SOLVED): "solves what has none"}
+"""Judgement by what is proven and what was answered."""
+
 
 class WrongProof(StictionError, AssertionError):
     """A verdict that its own test refutes: an error of this program."""
@@ -22,42 +26,24 @@ class WrongProof(StictionError, AssertionError):
 
 def judge(given: Answer, verdict: Verdict) -> str:
     """One of `JUDGEMENTS`; a solver that was not asked, raised, or whose problem is not decided is not judged."""
-    none_found = given.outcome in ("none found", "rightly none")
     if given.outcome == "wrong":
         return "wrong"
-    if verdict.decided == OPEN or not (none_found or given.outcome == "solved"):
-        return "not judged"
-    if verdict.decided == SOLVED:
-        return "misses a solution" if none_found else "right"
-    return "rightly none" if none_found else "solves what has none"
+    answered = {"solved": SOLVED, "none found": NONE, "rightly none": NONE}.get(given.outcome)
+    return _JUDGED.get((verdict.decided, answered), "not judged")
 
 
 def verified(solver: str, problems: str | Path | None = None) -> pd.DataFrame:
-    """Decide every problem of a set with a proof, and judge a solver by that.
+    """Decide every problem of a set with a proof, and judge a solver, ``"module:function"``, by that.
 
-    Parameters
-    ----------
-    solver : str
-        ``"module:function"``, as of `replay`.
-    problems
-        A file or folder; the set that comes with the suite where None.
-
-    Returns
-    -------
-    DataFrame
-        One row per class: problems; how many have a proven solution (isolated: no other one near), are proven to have
-        none, are not decided; how many verdicts contradict the stored outcome; the solver's judgements.
-
-    Raises
-    ------
-    WrongProof
-        If the test of a verdict fails.
+    `problems` is a file or folder, None the set that comes with the suite. The table has one row per class: problems;
+    how many have a proven solution (isolated: no other one near), are proven to have none, are not decided; how many
+    verdicts contradict the stored outcome; the solver's judgements. Raises WrongProof if a verdict fails its own test.
     """
     solve = load_solver(solver)
     rows = pd.DataFrame([_row(problem, solve) for problem in read_problems(problems)])
-    table = rows.groupby("class", sort=False).sum().reset_index()
-    total = {"class": "all", **table.drop(columns="class").sum().to_dict()}
-    return pd.concat([table, pd.DataFrame([total])], ignore_index=True)
+    table = rows.groupby("class", sort=False).sum()
+    table.loc["all"] = table.sum()
+    return table.reset_index()
 
 
 def _row(problem: Problem, solve: Solver) -> dict[str, Any]:

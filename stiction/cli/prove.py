@@ -63,39 +63,34 @@ def _require_library() -> None:
 
 
 def _check(path: Path) -> None:
-    from stiction.comparisons.proof import certificate as motions
-    from stiction.comparisons.proof import threshold_certificate as thresholds
-    from stiction.comparisons.proof import truth_certificate as truths
-    from stiction.comparisons.proof.tables import read_certificate
+    from stiction.comparisons.proof import motion_certificate, threshold_certificate, truth_certificate
+    from stiction.comparisons.proof.certificate import read_certificate
 
-    checks = {motions.FORMAT: motions.check, thresholds.FORMAT: thresholds.check, truths.FORMAT: truths.check}
-    claims = read_certificate(path, checks)
-    failures = checks[claims["format"]](claims)
-    part, parts = {motions.FORMAT: ("step", len(claims.get("steps", ()))),
-                   thresholds.FORMAT: ("end", len(thresholds.ENDS)),
-                   truths.FORMAT: ("column", len(claims.get("errors", ())))}[claims["format"]]
-    what = f"{parts} {part}s"
+    formats = {each.FORMAT.name: each.FORMAT for each in (motion_certificate, threshold_certificate, truth_certificate)}
+    claims = read_certificate(path, formats)
+    form = formats[claims["format"]]
+    failures = form.check(claims)
+    what = f"{form.count(claims)} {form.part}s"
     for failure in failures:
-        print(f"{part} {failure.step}: {failure.reason}")
+        print(f"{form.part} {failure.part}: {failure.reason}")
     if failures:
         raise ended(FAILED, f"{path}: {len(failures)} of {what} are not proven")
     print(f"{claims['scene']}: all {what} proven anew")
 
 
 def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> None:
-    from stiction.comparisons.proof.certificate import certificate
-    from stiction.comparisons.proof.enclosures.exact import NotComparable
-    from stiction.comparisons.proof.enclosures.zeros import Undecided
-    from stiction.comparisons.proof.proving import TooWide, prove_scene
-    from stiction.comparisons.proof.tables import write_tables
+    from stiction.comparisons.proof.certificate import write_certificate
+    from stiction.comparisons.proof.enclosures import NotProven
+    from stiction.comparisons.proof.motion_certificate import motion_certificate
+    from stiction.comparisons.proof.motion import prove_scene
     from stiction.scenes import load_scene, parse_override
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))
     try:
         motion = prove_scene(scene, digits)
-    except (Undecided, TooWide, NotComparable) as error:
+    except NotProven as error:
         raise ended(FAILED, f"{scene.name}: {error}") from None
-    claims = certificate(motion, scene, digits)
+    claims = motion_certificate(motion, scene, digits)
     print(f"{scene.name}: proven, {len(motion.steps)} steps, {claims['bits']} bits, order {claims['order']}, "
           f"largest width {claims['largest width']}")
     for number, event in enumerate(claims["events"], 1):
@@ -103,23 +98,23 @@ def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> No
     state = (f"{key} {value}" for key, value in claims["state at t_end"].items())
     print("  ".join([f"t_end {claims['t_end [s]']}", *state]))
     if out is not None:
-        write_tables(claims, out)
+        write_certificate(claims, out)
 
 
 def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | None) -> None:
-    from stiction.comparisons.proof.enclosures.zeros import Undecided
-    from stiction.comparisons.proof.threshold import NotProven, proven_threshold
-    from stiction.comparisons.proof.tables import write_tables
+    from stiction.comparisons.proof.certificate import write_certificate
+    from stiction.comparisons.proof.enclosures import NotProven
+    from stiction.comparisons.proof.threshold import proven_threshold
     from stiction.comparisons.proof.threshold_certificate import threshold_certificate
     from stiction.scenes import load_scene, parse_override
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))
     try:
         found = proven_threshold(scene, places)
-    except (Undecided, NotProven) as error:
+    except NotProven as error:
         raise ended(FAILED, f"{scene.name}: {error}") from None
     claims = threshold_certificate(found, scene)
     for sentence in claims["theorem"]:
         print(sentence)
     if out is not None:
-        write_tables(claims, out)
+        write_certificate(claims, out)

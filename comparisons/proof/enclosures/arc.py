@@ -9,19 +9,21 @@ Lagrange's remainder. The same holds of the variational equation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from typing import Any
 
 from flint import arb, arb_mat, arb_poly, arb_series
 
-from stiction.comparisons.proof.enclosures.series import (Equation, Expansion, TooLong, Value, constants, expand,
-                                                             halves, identity, partials)
+from stiction.comparisons.proof.enclosures.series import (Expansion, Timed, TooLong, Value, constants, expand, halves,
+                                                          identity, partials, time_series)
 
 _PICARD = 30
 _WIDEN = arb(1) / 8
 
-Timed = Callable[[arb, int], Equation]
-"""The equation of a mode about an instant, with series of so many coefficients."""
+Along = Callable[[arb_series, Sequence[Value], Sequence[Value], Sequence[Value]], Mapping[Hashable, Sequence[Value]]]
+"""Groups of functions of t, q, v and q'', by name."""
 
 
 def partials_at(function: Callable[..., Sequence[Value]], state: Sequence[arb]) -> tuple[list[arb], list[list[arb]]]:
@@ -39,15 +41,9 @@ class APriori:
 
 
 def a_priori(timed: Timed, t: arb, h: arb, start: Sequence[arb]) -> APriori:
-    """Enclosure over [t, t + h] by Picard's iteration.
-
-    Raises
-    ------
-    TooLong
-        If none was found.
-    """
+    """Enclosure over [t, t + h] by Picard's iteration; raises TooLong if none was found."""
     step = arb(0).union(h)
-    equation = timed(t + step, 1)
+    equation = timed(time_series(t + step, 1))
     old = list(start)
     for _ in range(_PICARD):
         accelerations, slopes = partials_at(equation, old)
@@ -78,8 +74,9 @@ def _variation(slopes: list[list[arb]], step: arb) -> arb_mat:
     raise TooLong("no enclosure of the variational equation")
 
 
-def _closed(series: Sequence[arb], remainder: arb, order: int) -> arb_poly:
-    return arb_poly([*series[:order], remainder])
+def _closed(fine: Sequence[Any], wide: Sequence[Any]) -> list[Any]:
+    """Coefficients of a Taylor polynomial, the last one of those of the whole stretch: Lagrange's remainder."""
+    return [*fine[:-1], wide[-1]]
 
 
 @dataclass(frozen=True)
@@ -101,38 +98,34 @@ class Arc:
     def of(cls, timed: Timed, t: arb, h: arb, start: Sequence[arb], order: int) -> Arc:
         """Enclose all solutions from a set of starts (q, v) over [t, t + h]."""
         bound = a_priori(timed, t, h, start)
-        wide = expand(timed(t + arb(0).union(h), order + 1), bound.state, order, bound.variation)
-        fine = expand(timed(t, order + 1), start, order, identity(len(start)))
-        return cls(t, h, order, timed, bound, wide, fine)
-
-    def remainder(self) -> arb:
-        """The largest remainder of q and v at the end of the stretch (upper bound)."""
-        scale = self.h ** self.order
-        return max((abs(c[self.order]) * scale for c in self.wide.state), key=lambda ball: float(ball.upper()))
-
-    def polynomials(self, start: Expansion | None = None) -> list[arb_poly]:
-        """The state of all of the set, or of the solution with another expansion from within it."""
-        N = self.order
-        return [_closed(fine, wide[N], N) for fine, wide in zip((start or self.fine).state, self.wide.state)]
+        wide = expand(timed, t + arb(0).union(h), bound.state, order, bound.variation)
+        return cls(t, h, order, timed, bound, wide, expand(timed, t, start, order, identity(len(start))))
 
     def one(self, t: arb, start: Sequence[arb]) -> Expansion:
         """Expansion of the solution from a start within the set (t and the start are thinner balls)."""
-        return expand(self.timed(t, self.order + 1), start, self.order)
+        return expand(self.timed, t, start, self.order)
+
+    def remainder(self, groups: Mapping[Hashable, Sequence[arb_poly]]) -> arb:
+        """The largest remainder of q, v and functions at the end of the stretch (upper bound)."""
+        scale, functions = self.h ** self.order, chain.from_iterable(groups.values())
+        last = [f[self.order] for f in chain(self.wide.state, functions)]
+        return max((abs(term) * scale for term in last), key=lambda ball: float(ball.upper()))
+
+    def polynomials(self, about: Expansion) -> list[arb_poly]:
+        """The state of all of the set about its start, `fine`, or of `one` solution from within it."""
+        return [arb_poly(_closed(*pair)) for pair in zip(about.state, self.wide.state)]
 
     def jacobian(self, tau: arb) -> arb_mat:
         """Derivatives of (q, v) at t + tau by the start."""
-        N = self.order
-        return arb_mat([[_closed(fine, wide[N], N)(tau) for fine, wide in zip(*rows)]
-                        for rows in zip(self.fine.variation, self.wide.variation)])
+        powers, indices = _closed(self.fine.variation, self.wide.variation), range(len(self.fine.state))
+        return arb_mat([[arb_poly([E[i, j] for E in powers])(tau) for j in indices] for i in indices])
 
-    def functions(self, along: Callable[[arb, int, Sequence[Value], Sequence[Value], Sequence[Value]],
-                                        Sequence[Sequence[arb_series]]],
-                  start: Expansion | None = None, t: arb | None = None) -> list[list[arb_poly]]:
-        """Groups of functions of (t, order, q, v, q'') over the stretch, with their remainders."""
-        N, groups = self.order, []
-        begin, throughout = self.t if t is None else t, self.t + arb(0).union(self.h)
-        for expansion, instant in ((start or self.fine, begin), (self.wide, throughout)):
-            q, v = halves(expansion.series(N + 1))
-            groups.append(along(instant, N + 1, q, v, self.timed(instant, N + 1)(q, v)))
-        return [[_closed([fine[k] for k in range(N)], wide[N], N) for fine, wide in zip(*pair)]
-                for pair in zip(*groups)]
+    def functions(self, along: Along, about: Expansion) -> dict[Hashable, list[arb_poly]]:
+        """Groups of functions over the stretch as `polynomials`."""
+        powers, groups = range(self.order + 1), []
+        for expansion in (about, self.wide):
+            q, v = halves(expansion.series(len(powers)))
+            found = along(expansion.t, q, v, expansion.equation(q, v))
+            groups.append({name: [[f[k] for k in powers] for f in group] for name, group in found.items()})
+        fine, wide = groups
+        return {name: [arb_poly(_closed(*pair)) for pair in zip(fine[name], wide[name])] for name in fine}

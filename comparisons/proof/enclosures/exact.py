@@ -16,40 +16,32 @@ from typing import Any
 
 from flint import arb, fmpq
 
-from stiction.scenes import Scene, StictionError
+from stiction.comparisons.proof.enclosures import NotProven
+from stiction.scenes import Scene
 from stiction.scenes.expressions import evaluate
 
 _MOST_FACTORS = 64
 
 
-class NotComparable(StictionError, ArithmeticError):
+class NotComparable(NotProven):
     """Two numbers of a scene that may be equal: their balls overlap."""
 
 
 @dataclass(frozen=True)
 class Exact:
-    """A real number: a ball that contains it and, where it is a product of q pi^k with sines and cosines, its factors.
+    """A real number: a ball that contains it, at the precision of its making, and, where it has one, its product.
 
-    Attributes
-    ----------
-    ball : arb
-        At the working precision in which the number was made.
-    product : tuple of (fmpq, int, tuple of str), optional
-        q, k and, sorted, the sines and cosines by name. Equal products are equal numbers; of others with sines nothing
-        follows.
+    The product is q, k and, sorted, the sines and cosines by name. Equal products are equal numbers; of others with
+    sines nothing follows.
     """
 
     ball: arb
     product: tuple[fmpq, int, tuple[str, ...]] | None = None
 
     @classmethod
-    def rational(cls, value: Fraction | int) -> Exact:
-        """A rational number."""
-        return cls.of(fmpq(value.numerator, value.denominator), 0)
-
-    @classmethod
-    def of(cls, q: fmpq, k: int) -> Exact:
+    def of(cls, q: fmpq | Fraction | int, k: int = 0) -> Exact:
         """q pi^k."""
+        q = fmpq(q.numerator, q.denominator)
         return cls(arb(q) * arb.pi() ** k, (q, k if q != 0 else 0, ()))
 
     @classmethod
@@ -110,13 +102,7 @@ class Exact:
         return Exact(self.ball.sqrt())
 
     def equals(self, other: Exact) -> bool:
-        """Return whether the two are the same number.
-
-        Raises
-        ------
-        NotComparable
-            Where that is not known.
-        """
+        """Return whether the two are the same number; raises NotComparable where that is not known."""
         if self is other:
             return True
         if self.factors and other.factors:  # pi is transcendental: q pi^k determines q and k
@@ -130,7 +116,7 @@ class Exact:
 
     @property
     def is_zero(self) -> bool:
-        """Whether the number is 0; raises as `equals`."""
+        """Truth of "the number is 0"; raises as `equals`."""
         return self.equals(ZERO)
 
 
@@ -139,25 +125,19 @@ def _wave(name: str, ball: arb, x: Exact) -> Exact:
     return Exact(ball, x.product and (fmpq(1), 0, (f"{name} {x.product}",)))
 
 
-_FUNCTIONS = {"sqrt": Exact.sqrt, "deg": lambda x: x * Exact.of(fmpq(1, 180), 1),
+_FUNCTIONS = {"sqrt": Exact.sqrt, "deg": lambda x: x * Exact.of(Fraction(1, 180), 1),
               "sin": lambda x: ZERO if x._zero else _wave("sin", x.ball.sin(), x),
               "cos": lambda x: ONE if x._zero else _wave("cos", x.ball.cos(), x),
               "tan": lambda x: Exact(x.ball.tan()), "atan": lambda x: Exact(x.ball.atan())}
 _BINARY = {ast.Add: Exact.__add__, ast.Sub: Exact.__sub__, ast.Mult: Exact.__mul__, ast.Div: Exact.__truediv__,
            ast.Pow: Exact.power}
-ZERO, ONE = Exact.rational(0), Exact.rational(1)
+ZERO, ONE = Exact.of(0), Exact.of(1)
 
 
 def exact(value: float | int | str, names: Mapping[str, Exact]) -> Exact:
-    """The number that `stiction.scenes.expressions.evaluate` rounds.
-
-    Raises
-    ------
-    ValueError
-        As there.
-    """
+    """The number that `stiction.scenes.expressions.evaluate` rounds; raises ValueError as there."""
     if not isinstance(value, str):
-        return Exact.rational(Fraction(repr(value)))
+        return Exact.of(Fraction(repr(value)))
     text = value.strip().replace("^", "**")
     evaluate(value, {name: float(number.ball.mid()) for name, number in names.items()})  # it knows the language
     return _exact(ast.parse(text, mode="eval").body, text, names)
@@ -165,10 +145,10 @@ def exact(value: float | int | str, names: Mapping[str, Exact]) -> Exact:
 
 def _exact(node: ast.expr, text: str, names: Mapping[str, Exact]) -> Exact:
     if isinstance(node, ast.Constant):
-        written = isinstance(node.value, float)
-        return Exact.rational(Fraction(ast.get_source_segment(text, node)) if written else node.value)
+        whole = isinstance(node.value, int)
+        return Exact.of(node.value if whole else Fraction(ast.get_source_segment(text, node)))
     if isinstance(node, ast.Name):
-        return names.get(node.id, Exact.of(fmpq(1), 1))
+        return names.get(node.id, Exact.of(1, 1))
     if isinstance(node, ast.BinOp):
         return _BINARY[type(node.op)](_exact(node.left, text, names), _exact(node.right, text, names))
     if isinstance(node, ast.UnaryOp):
@@ -181,26 +161,21 @@ class ExactScene:
     """The numbers of a scene by where they stand, at the working precision."""
 
     def __init__(self, scene: Scene):
-        self.scene, self._raw = scene, scene._raw
-        self.parameters: dict[str, Exact] = {}
-        for name, value in self._raw.get("parameters", {}).items():
+        self.scene, self.parameters = scene, {}
+        for name, value in scene._raw.get("parameters", {}).items():
             self.parameters[name] = exact(value, self.parameters)
 
     def __call__(self, *path: str | int) -> Exact:
         """The number at a path such as ``("bodies", "bar", "mass")``; where the scene has none, the model's default."""
-        place: Any = self._raw
+        place: Any = self.scene._raw
         try:
             for key in path:
                 place = place[key]
         except (KeyError, IndexError):
-            place = self._default(path)
+            place = self.scene
+            for key in path:
+                place = place[key] if isinstance(place, (Mapping, tuple)) else getattr(place, key)
         return exact(place, self.parameters)
-
-    def _default(self, path: tuple[str | int, ...]) -> float:
-        place: Any = self.scene
-        for key in path:
-            place = place[key] if isinstance(place, (Mapping, tuple)) else getattr(place, key)
-        return place
 
     def vector(self, *path: str | int) -> tuple[Exact, Exact]:
         """The two numbers at a path."""

@@ -9,12 +9,14 @@ from typing import Any
 
 from flint import arb, arb_mat, arb_series, ctx
 
-from stiction.scenes import StictionError
+from stiction.comparisons.proof.enclosures import NotProven
 
 Value = Any
 """A power series in time, alone (`arb_series`) or with its derivatives (`Jet`)."""
 Equation = Callable[[Sequence[Value], Sequence[Value]], Sequence[Value]]
 """q'' of q and q'; what depends on time alone is in it."""
+Timed = Callable[[arb_series], Equation]
+"""The equation with time as a power series about an instant; all series of it get as many coefficients."""
 
 
 @contextmanager
@@ -28,7 +30,7 @@ def working(bits: int, order: int) -> Iterator[None]:
         ctx.prec, ctx.cap = before
 
 
-class TooLong(StictionError, ArithmeticError):
+class TooLong(NotProven):
     """No enclosure over a stretch of this length, or a remainder larger than requested."""
 
 
@@ -99,12 +101,17 @@ def halves(state: Sequence[Any]) -> tuple[Sequence[Any], Sequence[Any]]:
 
 def identity(size: int) -> arb_mat:
     """The unit matrix."""
-    return arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
+    return arb_mat(size, size, 1)
 
 
 def constants(values: Sequence[arb]) -> list[arb_series]:
     """Power series of one coefficient."""
     return [arb_series([value], 1) for value in values]
+
+
+def time_series(t: arb, order: int) -> arb_series:
+    """Time as a power series about an instant."""
+    return arb_series([t, 1], order)
 
 
 def partials(function: Callable[..., Sequence[Value]],
@@ -120,57 +127,56 @@ def partials(function: Callable[..., Sequence[Value]],
 
 @dataclass(frozen=True)
 class Expansion:
-    """Taylor coefficients of a solution of q'' = f(t, q, q') about its start.
+    """Taylor coefficients of a solution of an equation about its start.
 
     Attributes
     ----------
+    t : arb_series
+        Time about the start.
     state : list of list of arb
         By component of (q, v) and power of time.
-    variation : list of list of list of arb
-        Derivatives of the state by the start: by component, component of the start and power. Empty if not requested.
+    variation : list of arb_mat
+        Derivatives of the state by the start, by power of time. Empty if not requested.
     """
 
+    t: arb_series
+    equation: Equation
     state: list[list[arb]]
-    variation: list[list[list[arb]]]
+    variation: list[arb_mat]
 
     def series(self, order: int) -> list[arb_series]:
         """The state as power series of `order` coefficients."""
         return [arb_series(coefficients, order) for coefficients in self.state]
 
 
-def expand(equation: Equation, start: Sequence[arb], order: int,
-           variation: arb_mat | None = None) -> Expansion:
-    """Coefficients 0 .. order of the solution from a start (q, v), and with `variation` of the variational equation.
+def expand(timed: Timed, t: arb, start: Sequence[arb], order: int, variation: arb_mat | None = None) -> Expansion:
+    """Coefficients 0 .. order of the solution from (q, v) at t; of the variational equation from `variation` too.
 
     From coefficients 0 .. k of q and v the equation gives coefficient k of q'', which is k + 1 times coefficient k + 1
     of v (R. E. Moore, Interval Analysis, 1966, ch. 11). The variational equation E' = B(t) E is linear: with the
     partial derivatives of the equation as power series along the solution,
     (k + 1) E[k + 1] = B[0] E[k] + ... + B[k] E[0].
-
-    Parameters
-    ----------
-    variation
-        The derivatives of (q, v) by the start at the start, 2n x 2n.
     """
-    found = Expansion([[value] for value in start], [])
+    time = time_series(t, order + 1)
+    found = Expansion(time, timed(time), [[value] for value in start], [])
     for k in range(order):
-        accelerations = equation(*halves(found.series(k + 1)))
+        accelerations = found.equation(*halves(found.series(k + 1)))
         for position, velocity, acceleration in zip(*halves(found.state), accelerations):
             position.append(velocity[k] / (k + 1))
             velocity.append(acceleration[k] / (k + 1))
-    if variation is None:
-        return found
-    size, B, E = len(start), _variational(equation, found.series(order)), [variation]
-    for k in range(order):
-        E.append(sum((B[i] * E[k - i] for i in range(k + 1)), arb_mat(size, size)) * (arb(1) / (k + 1)))
-    powers = [[[power[i, j] for power in E] for j in range(size)] for i in range(size)]
-    return Expansion(found.state, powers)
+    if variation is not None:
+        B, E = _variational(found.equation, found.series(order)), found.variation
+        E.append(variation)
+        for k in range(order):
+            products = (B[i] * E[k - i] for i in range(k + 1))
+            E.append(sum(products, arb_mat(len(start), len(start))) * (arb(1) / (k + 1)))
+    return found
 
 
 def _variational(equation: Equation, state: Sequence[arb_series]) -> list[arb_mat]:
     """Coefficients B by power of time of E' = B E, B = [[0, 1], df/d(q, v)]."""
-    n = len(state) // 2
-    positions = [[int(j == n + i) for j in range(2 * n)] for i in range(n)]
+    size, n = len(state), len(state) // 2
     _, gradients = partials(equation, state)
-    return [arb_mat([[unit * int(k == 0) for unit in row] for row in positions]
-                    + [[g[k] for g in gradient] for gradient in gradients]) for k in range(state[0].prec)]
+    speeds, nothing = identity(size).tolist()[n:], [[0] * size] * n
+    return [arb_mat((nothing if k else speeds) + [[g[k] for g in gradient] for gradient in gradients])
+            for k in range(state[0].prec)]

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 
 from flint import arb, arb_poly
 
-from stiction.scenes import StictionError
+from stiction.comparisons.proof.enclosures import NotProven
 
 _MOST_PIECES = 4000
 _MOST_NEWTON = 60
 
 
-class Undecided(StictionError, ArithmeticError):
+class Undecided(NotProven):
     """A course of events that cannot be proven in ball arithmetic: what was to be proven, and the time in s."""
 
     def __init__(self, reason: str, time: arb):
@@ -27,11 +27,12 @@ class Zero:
     """The instant where the largest function of a group falls through zero, all others negative there."""
 
     tau: arb
-    group: int
+    group: Hashable
     function: int
 
 
-def first_zero(groups: Sequence[Sequence[arb_poly]], h: arb, zeros: Mapping[int, int]) -> Zero | None:
+def first_zero(groups: Mapping[Hashable, Sequence[arb_poly]], t: arb, h: arb,
+               zeros: Mapping[Hashable, int]) -> Zero | None:
     """The first instant in (0, h] at which the largest function of some group becomes negative; None if none does.
 
     Parameters
@@ -39,27 +40,29 @@ def first_zero(groups: Sequence[Sequence[arb_poly]], h: arb, zeros: Mapping[int,
     groups
         Functions of time as enclosures: each coefficient a ball, the last one Lagrange's remainder. Their formal
         derivatives then enclose the derivatives.
+    t
+        The time of 0 in the motion.
     zeros
         By group: how many of the first derivatives, the value included, are zero at 0 (groups of one function).
 
     Raises
     ------
     Undecided
-        Where a group neither is proven positive nor to cross zero with a slope, or two cross at once; its time counts
-        from 0.
+        Where a group neither is proven positive nor to cross zero with a slope, or two cross at once.
     """
     first: Zero | None = None
-    for i, group in enumerate(groups):
-        found = _scan(group, h if first is None else first.tau.upper(), zeros.get(i, 0))
+    for name, group in groups.items():
+        found = _scan(group, t, h if first is None else first.tau.upper(), zeros.get(name, 0))
         if found is not None:
-            zero = Zero(found[0], i, found[1])
+            tau, function = found
+            zero = Zero(tau, name, function)
             if first is not None and zero.tau.overlaps(first.tau):
-                raise Undecided("two changes of mode whose order is open", zero.tau.union(first.tau))
+                raise Undecided("two changes of mode whose order is open", t + zero.tau.union(first.tau))
             first = zero
     return first
 
 
-def _scan(group: Sequence[arb_poly], h: arb, known: int) -> tuple[arb, int] | None:
+def _scan(group: Sequence[arb_poly], t: arb, h: arb, known: int) -> tuple[arb, int] | None:
     slopes = [f.derivative() for f in group]
     leading = group[0]
     for _ in range(known):
@@ -81,7 +84,7 @@ def _scan(group: Sequence[arb_poly], h: arb, known: int) -> tuple[arb, int] | No
         count += 1
         if count > _MOST_PIECES or not (low < middle < high):
             raise Undecided("a function that decides the contact mode is neither proven to keep its sign nor to cross "
-                            "zero with a slope (grazing)", piece)
+                            "zero with a slope (grazing)", t + piece)
         pieces += [(middle, high), (low, middle)]
     return None
 

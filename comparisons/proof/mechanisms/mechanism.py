@@ -8,29 +8,21 @@ from dataclasses import dataclass, field
 
 from flint import arb, arb_series
 
-from stiction.comparisons.proof.enclosures.arc import APriori, Timed
-from stiction.comparisons.proof.enclosures.series import Value
+from stiction.comparisons.proof.enclosures.arc import APriori
+from stiction.comparisons.proof.enclosures.series import Equation, Value, constants, time_series
 from stiction.scenes import Scene
 
 
 @dataclass(frozen=True)
 class Next:
-    """The mode from an instant on.
+    """The mode from an instant on, after an event of a kind: "slip", "stick", "reversal" or "corner".
 
-    Attributes
-    ----------
-    mode : Hashable
-        Its name.
-    zeros : Mapping[int, int]
-        By guard: how many of its derivatives, the value included, are zero at that instant (0 if not named).
-    kind : str
-        Of the event: "slip", "stick", "reversal" or "corner".
-    smooth : bool
-        Whether the accelerations do not jump.
+    By guard, `zeros` is how many of its derivatives, the value included, are zero at that instant (0 if not named).
+    Where it is `smooth` the accelerations do not jump.
     """
 
     mode: Hashable
-    zeros: Mapping[int, int] = field(default_factory=dict)
+    zeros: Mapping[Hashable, int] = field(default_factory=dict)
     kind: str = ""
     smooth: bool = True
 
@@ -38,14 +30,7 @@ class Next:
 class ProvableMechanism(ABC):
     """q'' = f(t, q, q') within each mode, and guards that are positive while the mode lasts; balls and power series.
 
-    Attributes
-    ----------
-    q, v : list of arb
-        At t = 0.
-    t_end : arb
-        Seconds.
-    joint : str
-        The guide whose events are shown, where there is one.
+    q and v are those at t = 0; `joint` is the guide whose events are shown, where there is one.
     """
 
     q: list[arb]
@@ -56,35 +41,29 @@ class ProvableMechanism(ABC):
     @classmethod
     @abstractmethod
     def from_scene(cls, scene: Scene) -> ProvableMechanism:
-        """Parameters of a scene, exact, at the working precision.
-
-        Raises
-        ------
-        NotThisMechanism
-            Naming what keeps the scene from being this mechanism.
-        """
+        """Parameters of a scene, at the working precision; raises NotThisMechanism with what does not fit."""
 
     @abstractmethod
-    def timed(self, mode: Hashable) -> Timed:
-        """The equation of a mode."""
+    def equation(self, mode: Hashable, t: arb_series) -> Equation:
+        """The equation of a mode, with time as a power series."""
 
     @abstractmethod
-    def guards(self, mode: Hashable, instant: arb, order: int, q: Sequence[Value], v: Sequence[Value],
-               a: Sequence[Value]) -> list[list[Value]]:
-        """Groups of functions: the mode lasts while the largest of each group is positive."""
+    def guards(self, mode: Hashable, t: arb_series, q: Sequence[Value], v: Sequence[Value],
+               a: Sequence[Value]) -> dict[Hashable, list[Value]]:
+        """Groups of functions by name: the mode lasts while the largest of each group is positive."""
+
+    def guards_at(self, mode: Hashable, t: arb, q: Sequence[arb], v: Sequence[arb]) -> dict[Hashable, list[arb]]:
+        """Values of the guards in a state."""
+        q, v, now = constants(q), constants(v), time_series(t, 1)
+        guards = self.guards(mode, now, q, v, self.equation(mode, now)(q, v))
+        return {name: [f[0] for f in group] for name, group in guards.items()}
 
     @abstractmethod
     def start(self) -> Next:
-        """The mode at t = 0.
-
-        Raises
-        ------
-        Undecided
-            If it is not proven.
-        """
+        """The mode at t = 0; raises Undecided if it is not proven."""
 
     @abstractmethod
-    def after(self, mode: Hashable, guard: int, t: arb, q: list[arb], v: list[arb]) -> Next:
+    def after(self, mode: Hashable, guard: Hashable, t: arb, q: list[arb], v: list[arb]) -> Next:
         """The mode after a guard has reached zero; raises as `start`."""
 
     @abstractmethod
@@ -106,11 +85,6 @@ class ProvableMechanism(ABC):
     def bodies(self, t: Value, q: Sequence[Value], v: Sequence[Value]) -> dict[str, Value]:
         """`columns` with the positions and velocities of all bodies that move."""
         return self.columns(t, q, v)
-
-
-def time_series(t: arb, order: int) -> arb_series:
-    """Time as a power series about an instant."""
-    return arb_series([t, 1], order)
 
 
 @dataclass(frozen=True)

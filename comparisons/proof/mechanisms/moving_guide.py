@@ -74,7 +74,7 @@ class MovingGuide(OneSlider):
     def contact_loads(self, t, q, v, a):
         return self._loads(q, v, a[1])
 
-    def timed(self, mode: Mode):
+    def equation(self, mode: Mode, t):
         def acceleration(q: list[Value], v: list[Value]) -> list[Value]:
             turn = self._turn(q, v)
             if mode[0] == 0:
@@ -82,7 +82,7 @@ class MovingGuide(OneSlider):
             R, M, P = self._loads(q, v, turn)
             return [(P - self.contact.load(R, M, mode) * self.contact.friction(mode[0])) / self.m, turn]
 
-        return lambda instant, order: acceleration
+        return acceleration
 
     def require_unique(self, mode, t, bound=None) -> None:
         """Accelerations do not enter what friction depends on: one solution, by the a-priori enclosure."""
@@ -102,7 +102,7 @@ class MovingGuide(OneSlider):
     @classmethod
     def from_scene(cls, scene: Scene) -> MovingGuide:
         reader = SceneReader(scene, TURNING_ARM)
-        e, name, pivot = reader.exact, reader.found.name("guide"), reader.found.name("pivot")
+        name, pivot = reader.found.name("guide"), reader.found.name("pivot")
         angle, turn = reader.body("arm", "angle"), reader.body("arm", "angular_velocity")
         driven = reader.found["motor"] is not None
         reader.require(not driven or reader.part("drives", "motor", "law", "offset").equals(angle)
@@ -111,15 +111,15 @@ class MovingGuide(OneSlider):
         k, d, rest_length = (reader.part("springs", "spring", part) for part in ("stiffness", "damping", "rest_length"))
         spring = k, d, reader.part("springs", "spring", "points", 1, 0) + rest_length
         twist = (reader.part("springs", "twist", part) for part in ("stiffness", "damping", "rest_angle"))
-        origin, velocity = e.vector("joints", pivot, "points", 1), reader.vector("slider", "velocity")
-        x, y = (place.ball - at.ball for place, at in zip(reader.vector("slider", "position"), origin))
+        origin, velocity = reader.vector("joints", pivot, "points", 1), reader.place("slider", "velocity")
+        x, y = (place.ball - at.ball for place, at in zip(reader.place("slider", "position"), origin))
         vx, vy = balls(velocity)
         cosine, sine = angle.ball.cos(), angle.ball.sin()
         still = all(value.is_zero for value in (*velocity, turn))
         v = [ZERO.ball if still else vx * cosine + vy * sine, turn.ball]
         found = cls(reader.body("slider", "mass").ball, reader.body("slider", "inertia").ball,
                     reader.body("arm", "inertia").ball, balls(reader.gravity()), balls(spring), balls(twist), driven,
-                    Contact.of(e, name), still, [x * cosine + y * sine, angle.ball], v, e("t_end").ball, name,
+                    Contact.of(reader, name), still, [x * cosine + y * sine, angle.ball], v, reader("t_end").ball, name,
                     balls(origin))
-        reader.require_start(found, reader.vector("arm", "velocity"))
+        reader.require_start(found, reader.place("arm", "velocity"))
         return found

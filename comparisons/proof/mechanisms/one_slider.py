@@ -22,13 +22,15 @@ from dataclasses import dataclass
 from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.exact import ZERO, ExactScene
-from stiction.comparisons.proof.enclosures.series import Value, constants
+from stiction.comparisons.proof.enclosures.series import Value
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, time_series
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 
 Mode = tuple[int, int, int]
 """Direction of slip (0: rest) and the signs of n1 and n2 (0, 0 at rest)."""
 REST: Mode = (0, 0, 0)
+SLIP, NORMAL, REAR, FRONT = "slip", "normal", "rear", "front"
+"""Names of guards in slip: speed, normal force without corner forces, corner forces. At rest the direction of slip."""
 
 
 @dataclass(frozen=True)
@@ -80,16 +82,16 @@ class OneSlider(ProvableMechanism):
                       a: Sequence[Value]) -> tuple[Value, Value, Value]:
         """R, M and P."""
 
-    def guards(self, mode: Mode, instant: arb, order: int, q, v, a):
+    def guards(self, mode: Mode, t: arb_series, q, v, a):
         slip, contact = mode[0], self.contact
-        R, M, P = self.contact_loads(time_series(instant, order), q, v, a)
+        R, M, P = self.contact_loads(t, q, v, a)
         if slip == 0:
-            return [self._margins(R, M, P, s) for s in (1, -1)]
-        guards = [] if contact.frictionless else [[(v[0] - self.surface) * slip]]
+            return {s: self._margins(R, M, P, s) for s in (1, -1)}
+        guards = {} if contact.frictionless else {SLIP: [(v[0] - self.surface) * slip]}
         if contact.length is None:
-            return [*guards, [R * mode[1]]]
+            return guards | {NORMAL: [R * mode[1]]}
         D = contact.difference(R, M, contact.friction(slip))
-        return [*guards, [(R - D) * mode[1]], [(R + D) * mode[2]]]
+        return guards | {REAR: [(R - D) * mode[1]], FRONT: [(R + D) * mode[2]]}
 
     def _margins(self, R: Value, M: Value, P: Value, s: int) -> list[Value]:
         """The functions whose largest is mus max(|R|, |D_s|) - s P."""
@@ -111,32 +113,23 @@ class OneSlider(ProvableMechanism):
             raise Undecided("whether the slider rests at the start", zero)
         return Next(self._configured(1 if relative > 0 else -1, zero, self.q, self.v))
 
-    def after(self, mode: Mode, guard: int, t: arb, q: list[arb], v: list[arb]) -> Next:
-        slip, signs = mode[0], list(mode[1:])
+    def after(self, mode: Mode, guard: str | int, t: arb, q: list[arb], v: list[arb]) -> Next:
+        slip, e1, e2 = mode
         if slip == 0:
-            return self._slipping((1, -1)[guard], t, q, v, "slip", self.contact.one_coefficient)
-        if guard == 0 and not self.contact.frictionless:
+            return self._slipping(guard, t, q, v, "slip", self.contact.one_coefficient)
+        if guard == SLIP:
             return self._from_rest(t, q, v, True)
-        corner = guard - (0 if self.contact.frictionless else 1)
-        for i in (0, 1) if self.contact.length is None else (corner,):
-            signs[i] = -signs[i]
-        return Next((slip, *signs), {guard: 1}, "corner")
-
-    def _at(self, mode: Mode, t: arb, q: Sequence[arb], v: Sequence[arb]) -> list[list[arb]]:
-        """Values of the guards of a mode in a state."""
-        q, v = constants(q), constants(v)
-        return [[f[0] for f in group] for group in self.guards(mode, t, 1, q, v, self.timed(mode)(t, 1)(q, v))]
+        return Next((slip, e1 if guard == FRONT else -e1, e2 if guard == REAR else -e2), {guard: 1}, "corner")
 
     def _from_rest(self, t: arb, q: Sequence[arb], v: Sequence[arb], moved: bool) -> Next:
         """The mode at velocity zero relative to the surface."""
         v = [self.surface, *v[1:]]
-        margins = self._at(REST, t, q, v)
-        holds = [any(f > 0 for f in group) for group in margins]
-        fails = [all(f < 0 for f in group) for group in margins]
-        if all(holds):
+        margins = self.guards_at(REST, t, q, v)
+        holds = {s: any(f > 0 for f in margins[s]) for s in (1, -1)}
+        if all(holds.values()):
             return Next(REST, kind="stick", smooth=False)
-        for i, s in enumerate((1, -1)):
-            if fails[i] and holds[1 - i]:
+        for s in (1, -1):
+            if all(f < 0 for f in margins[s]) and holds[-s]:
                 return self._slipping(s, t, q, v, "reversal" if moved else "slip", False)
         raise Undecided("whether static friction holds the slider where its velocity is zero", t)
 
@@ -144,7 +137,7 @@ class OneSlider(ProvableMechanism):
         """Slip that begins from rest; `smooth` where its acceleration is zero too (one coefficient, margin zero)."""
         if self.contact.length is not None and not self.contact.mus * self.contact.width <= self.contact.length:
             raise Undecided("a guide that breaks away could jam instead: mus * width > length", t)
-        return Next(self._configured(slip, t, q, [self.surface, *v[1:]]), {0: 2 if smooth else 1}, kind, smooth)
+        return Next(self._configured(slip, t, q, [self.surface, *v[1:]]), {SLIP: 2 if smooth else 1}, kind, smooth)
 
     def _configured(self, slip: int, t: arb, q: Sequence[arb], v: Sequence[arb]) -> Mode:
         """The contact configuration whose corner forces have its signs."""
@@ -152,7 +145,7 @@ class OneSlider(ProvableMechanism):
         both, either = [(1, 1), (-1, -1)], [(1, -1), (-1, 1)]
         for signs in both if self.contact.length is None else both + either:
             mode = (slip, *signs)
-            corners = self._at(mode, t, q, v)[0 if self.contact.frictionless else 1:]
-            if all(value > 0 for group in corners for value in group):
+            guards = self.guards_at(mode, t, q, v)
+            if all(value > 0 for name in guards for value in guards[name] if name != SLIP):
                 return mode
         raise Undecided("a corner force that is zero, or no contact configuration, where slip begins", t)

@@ -32,12 +32,12 @@ class Pendulum(ProvableMechanism):
     body: str
     joint: str = ""
 
-    def timed(self, mode: str):
+    def equation(self, mode, t):
         w2 = self.g / self.length
-        return lambda instant, order: lambda q, v: [q[0].sin() * -w2]
+        return lambda q, v: [q[0].sin() * -w2]
 
-    def guards(self, mode, t, order, q, v, a):
-        return []
+    def guards(self, mode, t, q, v, a):
+        return {}
 
     def start(self) -> Next:
         return Next(SWING)
@@ -57,11 +57,12 @@ class Pendulum(ProvableMechanism):
     def from_scene(cls, scene: Scene) -> Pendulum:
         """Parameters of a scene; its start is taken to meet the constraint."""
         reader = SceneReader(scene, PENDULUM)
-        e, body, drive = reader.exact, reader.found.bodies["mass"], reader.found.name("rod")
-        pivot, length = e.vector("drives", drive, "points", 1), e("drives", drive, "law", "value")
-        arm = [place - origin for place, origin in zip(reader.vector("mass", "position"), pivot)]
-        velocity = reader.vector("mass", "velocity")
+        drive = reader.found.name("rod")
+        pivot, length = reader.vector("drives", drive, "points", 1), reader("drives", drive, "law", "value")
+        arm = [place - origin for place, origin in zip(reader.place("mass", "position"), pivot)]
+        velocity = reader.place("mass", "velocity")
         moment = arm[0] * velocity[1] - arm[1] * velocity[0]
         rate = ZERO if moment.is_zero else moment / (length * length)
         angle = arb.atan2(arm[0].ball, -arm[1].ball)
-        return cls(length.ball, -e("gravity", 1).ball, balls(pivot), [angle], [rate.ball], e("t_end").ball, body)
+        return cls(length.ball, -reader("gravity", 1).ball, balls(pivot), [angle], [rate.ball], reader("t_end").ball,
+                   reader.found.bodies["mass"])

@@ -14,7 +14,7 @@ from stiction.scenes.laws import Constant
 
 _PLACES = {"x": ("position", 0), "y": ("position", 1), "vx": ("velocity", 0), "vy": ("velocity", 1),
            "angle": ("angle",), "omega": ("angular_velocity",)}
-"""Where a scene has the start of a body's columns."""
+"""Place of the start of a body's columns in a scene."""
 
 
 def balls(values: Iterable[Exact]) -> tuple[arb, ...]:
@@ -22,18 +22,12 @@ def balls(values: Iterable[Exact]) -> tuple[arb, ...]:
     return tuple(value.ball for value in values)
 
 
-class SceneReader:
-    """A scene of some structure, with its exact numbers at the working precision.
-
-    Raises
-    ------
-    NotThisMechanism
-        Naming what keeps the scene from having the structure.
-    """
+class SceneReader(ExactScene):
+    """A scene of some structure; raises NotThisMechanism, naming what keeps the scene from having it."""
 
     def __init__(self, scene: Scene, structure: Structure):
-        self.scene, self.structure, self.exact = scene, structure, ExactScene(scene)
-        self.found = structure.match(scene)
+        super().__init__(scene)
+        self.structure, self.found = structure, structure.match(scene)
 
     def require(self, condition: bool, text: str) -> None:
         """Check what a structure cannot say; raises NotThisMechanism with what was expected."""
@@ -42,20 +36,20 @@ class SceneReader:
 
     def body(self, role: str, *path: str | int) -> Exact:
         """A number of a body."""
-        return self.exact("bodies", self.found.bodies[role], *path)
-
-    def vector(self, role: str, field: str) -> tuple[Exact, Exact]:
-        """A vector of a body."""
-        return self.body(role, field, 0), self.body(role, field, 1)
+        return self("bodies", self.found.bodies[role], *path)
 
     def part(self, section: str, label: str, *path: str | int) -> Exact:
         """A number of a part of the structure; zero where the scene has no such part."""
-        name = next(iter(self.found.elements.get(label, ())), None)
-        return ZERO if name is None else self.exact(section, name, *path)
+        name = self.found.name(label) if label in self.found.elements else None
+        return ZERO if name is None else self(section, name, *path)
 
     def gravity(self) -> tuple[Exact, Exact]:
         """Gravity, m/s^2; zero where the scene has none."""
-        return self.exact.vector("gravity") if self.scene.gravity is not None else (ZERO, ZERO)
+        return self.vector("gravity") if self.scene.gravity is not None else (ZERO, ZERO)
+
+    def place(self, role: str, field: str) -> tuple[Exact, Exact]:
+        """The position or velocity of a body."""
+        return self.vector("bodies", self.found.bodies[role], field)
 
     def loads(self, label: str) -> tuple[Exact, tuple[SineLoad, ...]]:
         """The sum of what is constant of some loads, whose laws are constants or sines, and the sines."""
@@ -63,10 +57,10 @@ class SceneReader:
         for key, load in self.found.elements[label].items():
             path = ("forces", key, "law")
             if isinstance(load.law, Constant):
-                total = total + self.exact(*path, "value")
+                total = total + self(*path, "value")
             else:
-                total = total + self.exact(*path, "offset")
-                sines.append(SineLoad(*(self.exact(*path, part).ball for part in ("amplitude", "frequency", "phase"))))
+                total = total + self(*path, "offset")
+                sines.append(SineLoad(*(self(*path, part).ball for part in ("amplitude", "frequency", "phase"))))
         return total, tuple(sines)
 
     def require_start(self, mechanism: ProvableMechanism, zero: Iterable[Exact]) -> None:
@@ -75,5 +69,5 @@ class SceneReader:
         for column, ball in mechanism.bodies(arb(0), mechanism.q, mechanism.v).items():
             name, _, part = column.rpartition(".")
             if name in self.scene.bodies:
-                differences.append(ball - self.exact("bodies", name, *_PLACES[part]).ball)
+                differences.append(ball - self("bodies", name, *_PLACES[part]).ball)
         self.require(all(ball.contains(0) for ball in differences), "bodies: the start violates the constraints")

@@ -29,7 +29,7 @@ from stiction.comparisons.proof.enclosures.arc import APriori
 from stiction.comparisons.proof.enclosures.exact import ONE, ZERO, Exact
 from stiction.comparisons.proof.enclosures.series import Value, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import SineLoad, time_series
+from stiction.comparisons.proof.mechanisms.mechanism import SineLoad
 from stiction.comparisons.proof.mechanisms.one_slider import Contact, Mode, OneSlider
 from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, balls
 from stiction.comparisons.truth.structure import ANY, CENTRE, FORWARD, NEGATIVE, SEVERAL, Part, Structure
@@ -106,25 +106,20 @@ class SlidingMass(OneSlider):
     def contact_loads(self, t, q, v, a):
         return self._normal(t), self._moment(t, a[0]), self._load(t) - q[0] * self.stiffness - v[0] * self.damping
 
-    def timed(self, mode: Mode):
-        slip, e1, e2 = mode
-
-        def equation(instant: arb, order: int):
-            t, contact, zero = time_series(instant, order), self.contact, arb_series([0], order)
-            if slip == 0:
-                return lambda q, v: [zero]
-            friction, inertia = contact.friction(slip), arb_series([self.mass], order)
-            N = contact.load(self._normal(t), self._moment(t, zero), mode)
-            if e1 != e2:
-                inertia = inertia - friction * e2 * (2 / contact.length) * self.c * self._theta(t).sin()
-            factor = quotient(arb_series([1], order), inertia)
-            push = (self._load(t) - friction * N) * factor
-            stiffness, damping = factor * self.stiffness, factor * self.damping
-            if e1 == e2:
-                stiffness, damping = stiffness[0], damping[0]
-            return lambda q, v: [push - q[0] * stiffness - v[0] * damping]
-
-        return equation
+    def equation(self, mode: Mode, t: arb_series):
+        (slip, e1, e2), contact, zero = mode, self.contact, arb_series([0], t.prec)
+        if slip == 0:
+            return lambda q, v: [zero]
+        friction, inertia = contact.friction(slip), arb_series([self.mass], t.prec)
+        N = contact.load(self._normal(t), self._moment(t, zero), mode)
+        if e1 != e2:
+            inertia = inertia - friction * e2 * (2 / contact.length) * self.c * self._theta(t).sin()
+        factor = quotient(arb_series([1], t.prec), inertia)
+        push = (self._load(t) - friction * N) * factor
+        stiffness, damping = factor * self.stiffness, factor * self.damping
+        if e1 == e2:
+            stiffness, damping = stiffness[0], damping[0]
+        return lambda q, v: [push - q[0] * stiffness - v[0] * damping]
 
     def require_unique(self, mode: Mode, t: arb, bound: APriori | None = None) -> None:
         contact = self.contact
@@ -166,37 +161,34 @@ class _Reader(SceneReader):
     def __init__(self, scene: Scene, structure: Structure):
         super().__init__(scene, structure)
         self.name, self.slider = self.found.name("guide"), self.found.bodies["slider"]
-        self.direction = self.exact.vector("joints", self.name, "direction")
+        self.bar, self.belt = self.found.bodies.get("bar"), self.found.bodies.get("belt")
+        self.direction, self.point = (self.vector("joints", self.name, part) for part in ("direction", "point"))
         size = _dot(self.direction, self.direction).sqrt()
         self.along = self.direction[0] / size, self.direction[1] / size
+        self.position, self.velocity = self.place("slider", "position"), self.place("slider", "velocity")
         self.horizontal = self.along[0].factors is not None and self.along[0].equals(ONE) and self.along[1].is_zero
-        self.bar, self.belt = self.found.bodies.get("bar"), self.found.bodies.get("belt")
         self.require(self.horizontal or structure is ALONE, f"joints.{self.name}: expected the direction (1, 0)")
 
     def mechanism(self) -> SlidingMass:
-        e, name, slider, along = self.exact, self.name, self.slider, self.along
-        m1, gravity = self.body("bar", "mass") if self.bar else ZERO, self.gravity()
+        name, slider, along, gravity = self.name, self.slider, self.along, self.gravity()
         self.require(not self.bar or gravity[0].is_zero,
                      f"gravity: found {self.scene.gravity}; expected (0, -g) with a bar")
+        m1 = self.body("bar", "mass") if self.bar else ZERO
         mass, c = self.body("slider", "mass") + m1, -m1 * self.part("joints", "pin", "points", 0, 0)
         rate, angle = (self.part("drives", "motor", "law", part) for part in ("rate", "offset"))
-        surface = self.part("drives", "drive", "law", "rate")
-        across = along[0] * gravity[1] - along[1] * gravity[0]
+        surface, across = self.part("drives", "drive", "law", "rate"), along[0] * gravity[1] - along[1] * gravity[0]
         constant, loads = self._loads()
         stiffness, damping, force = self._springs(mass * _dot(gravity, along) + constant)
-        position, velocity = self.vector("slider", "position"), self.vector("slider", "velocity")
-        x, speed = _dot(position, along), _dot(velocity, along)
-        names = f"{slider}.x", f"{slider}.vx"
+        x, speed, names = _dot(self.position, along), _dot(self.velocity, along), (f"{slider}.x", f"{slider}.vx")
         if not self.horizontal:  # the displacement counts from the guide's point; the spring's anchor moves with it
-            origin = _dot(e.vector("joints", name, "point"), along)
+            origin, names = _dot(self.point, along), (f"{name}.displacement", f"{name}.slip_velocity")
             x, force = x - origin, force - stiffness * origin
-            names = f"{name}.displacement", f"{name}.slip_velocity"
         found = SlidingMass(
             mass=mass.ball, weight=-(mass * across).ball, force=force.ball, loads=loads, stiffness=stiffness.ball,
             damping=damping.ball, c=c.ball, g=-gravity[1].ball, rate=rate.ball, angle=angle.ball,
-            contact=Contact.of(e, name), at_rest=speed.equals(surface), surface=surface.ball, q=[x.ball],
-            v=[speed.ball], t_end=e("t_end").ball, joint=name, names=names, body=slider, along=balls(along),
-            offset=balls(p - x * d for p, d in zip(position, along)),
+            contact=Contact.of(self, name), at_rest=speed.equals(surface), surface=surface.ball, q=[x.ball],
+            v=[speed.ball], t_end=self("t_end").ball, joint=name, names=names, body=slider, along=balls(along),
+            offset=balls(p - x * d for p, d in zip(self.position, along)),
             bar=(self.bar, (c / m1).ball) if self.bar else None,
             belt=(self.belt, self.body("belt", "position", 0).ball) if self.belt else None)
         turn = [self.body("bar", "angular_velocity") - rate] if self.bar else []
@@ -205,40 +197,37 @@ class _Reader(SceneReader):
 
     def _loads(self) -> tuple[Exact, tuple[SineLoad, ...]]:
         for key in self.found.elements["loads"]:
-            self.require(self._parallel(self.exact.vector("forces", key, "direction")),
+            self.require(self._parallel(self.vector("forces", key, "direction")),
                          f"forces.{key}: expected a force along the guide")
         return self.loads("loads")
 
     def _springs(self, force: Exact) -> tuple[Exact, Exact, Exact]:
         """Stiffness and damping of all springs, and a constant force with theirs at x = 0."""
-        e, start = self.exact, self.scene.bodies[self.slider].position
+        height = self.scene.bodies[self.slider].position[1]
         stiffness, damping = ZERO, ZERO
         for key, spring in self.found.elements["springs"].items():
             at = ("springs", key)
-            k, rest_length = e(*at, "stiffness"), e(*at, "rest_length")
-            self.require(self._parallel(e.vector(*at, "axis")) if spring.axis is not None else
-                         rest_length.is_zero and self.horizontal and spring.points[1][1] == start[1],
+            k, rest_length = self(*at, "stiffness"), self(*at, "rest_length")
+            self.require(self._parallel(self.vector(*at, "axis")) if spring.axis is not None else
+                         rest_length.is_zero and self.horizontal and spring.points[1][1] == height,
                          f"springs.{key}: expected one along the guide")
-            stiffness, damping = stiffness + k, damping + e(*at, "damping")
-            force = force + k * (_dot(e.vector(*at, "points", 1), self.along) + rest_length)
+            stiffness, damping = stiffness + k, damping + self(*at, "damping")
+            force = force + k * (_dot(self.vector(*at, "points", 1), self.along) + rest_length)
         return stiffness, damping, force
 
     def _off_the_guide(self) -> list[Exact]:
         """Numbers that are zero where the slider starts on its guide."""
         across = -self.along[1], self.along[0]
-        point = self.exact.vector("joints", self.name, "point")
-        offset = _dot(self.vector("slider", "position"), across) - _dot(point, across)
-        moving = _dot(self.vector("slider", "velocity"), across)
+        offset, moving = _dot(self.position, across) - _dot(self.point, across), _dot(self.velocity, across)
         if self.belt is not None:
-            return [offset - _dot(self.vector("belt", "position"), across), moving]
-        turned = self.body("slider", "angle") - self.exact("joints", self.name, "angle")
+            return [offset - _dot(self.place("belt", "position"), across), moving]
+        turned = self.body("slider", "angle") - self("joints", self.name, "angle")
         return [offset, moving, turned, self.body("slider", "angular_velocity")]
 
     def _parallel(self, vector: tuple[Exact, Exact]) -> bool:
         """Return whether a vector has the guide's direction; false where its numbers cannot be compared."""
-        direction = self.direction
-        cross = vector[0] * direction[1] - vector[1] * direction[0]
-        return cross.product is not None and cross.is_zero and bool(_dot(vector, direction).ball > 0)
+        cross = vector[0] * self.direction[1] - vector[1] * self.direction[0]
+        return cross.product is not None and cross.is_zero and bool(_dot(vector, self.direction).ball > 0)
 
 
 def _dot(a: tuple[Exact, Exact], b: tuple[Exact, Exact]) -> Exact:

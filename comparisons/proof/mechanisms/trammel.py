@@ -36,7 +36,7 @@ from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.series import Value, constants, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad, time_series
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad
 from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, balls
 from stiction.comparisons.truth.reduced.trammel import TRAMMEL
 from stiction.comparisons.truth.structure import SEVERAL, Part
@@ -102,24 +102,21 @@ class Trammel(ProvableMechanism):
         push = weight - sine * cosine * rate * rate * K + lever_x * Rx[0] + lever_y * Ry[0]
         return push, sine * sine * K + J - lever_x * Rx[1] - lever_y * Ry[1]
 
-    def timed(self, mode: Mode):
-        def equation(instant: arb, order: int):
-            torque = sum((load(time_series(instant, order)) for load in self.loads), arb_series([self.torque], order))
+    def equation(self, mode: Mode, t: arb_series):
+        torque = sum((load(t) for load in self.loads), arb_series([self.torque], t.prec))
 
-            def acceleration(q: list[Value], v: list[Value]) -> list[Value]:
-                push, inertia = self._balance(q[0], v[0], mode)
-                return [quotient(push - torque, inertia)]
+        def acceleration(q: list[Value], v: list[Value]) -> list[Value]:
+            push, inertia = self._balance(q[0], v[0], mode)
+            return [quotient(push - torque, inertia)]
 
-            return acceleration
+        return acceleration
 
-        return equation
-
-    def guards(self, mode: Mode, t, order, q, v, a):
+    def guards(self, mode: Mode, t, q, v, a):
         turn, sx, sy, ex, ey = mode
         sine, cosine = q[0].sin(), q[0].cos()
         (Rx, Rx_a), (Ry, Ry_a) = self._reactions(sine, cosine, v[0], mode)
-        return [[v[0] * turn], [sine * (-turn * sx)], [cosine * (turn * sy)],
-                [(Rx_a * a[0] + Rx) * ex], [(Ry_a * a[0] + Ry) * ey]]
+        return dict(enumerate([[v[0] * turn], [sine * (-turn * sx)], [cosine * (turn * sy)],  # as the numbers of a mode
+                               [(Rx_a * a[0] + Rx) * ex], [(Ry_a * a[0] + Ry) * ey]]))
 
     def start(self) -> Next:
         (p,), (rate,), zero = self.q, self.v, arb(0)
@@ -132,7 +129,7 @@ class Trammel(ProvableMechanism):
     def after(self, mode: Mode, guard: int, t, q, v) -> Next:
         if guard == _TURN:
             raise Undecided("the bar stops: both guides rest at once, and what each of them holds is open", t)
-        changed = list(mode)  # guards stand as the numbers of a mode do
+        changed = list(mode)
         changed[guard] *= -1
         if guard >= _NORMALS:
             return Next(tuple(changed), {guard: 1}, "corner")
@@ -140,11 +137,10 @@ class Trammel(ProvableMechanism):
 
     def _pressed(self, turn: int, sx: int, sy: int, t: arb, q: list[arb], v: list[arb]) -> Mode:
         """The mode with the signs of Rx and Ry that are consistent: the only ones, as p'' is unique."""
-        q, v = constants(q), constants(v)
         for signs in _SIGNS:
             mode = (turn, sx, sy, *signs)
-            guards = self.guards(mode, t, 1, q, v, self.timed(mode)(t, 1)(q, v))
-            if all(group[0][0] > 0 for group in guards[_NORMALS:]):
+            guards = self.guards_at(mode, t, q, v)
+            if all(value > 0 for number in range(_NORMALS, len(mode)) for value in guards[number]):
                 return mode
         raise Undecided("which surfaces the sliders press on", t)
 
@@ -181,7 +177,7 @@ class Trammel(ProvableMechanism):
         moments = m * ly + mx * L, m * lx + my * L
         torque, loads = reader.loads("torques")
         found = cls(balls((lx, ly)), balls(inertia), balls(moments), (m + mx + my).ball, balls(reader.gravity()),
-                    friction, torque.ball, loads, [p.ball], [rate.ball], reader.exact("t_end").ball)
+                    friction, torque.ball, loads, [p.ball], [rate.ball], reader("t_end").ball)
         across = [reader.body(name, part, i) for name, i in (("slider-x", 1), ("slider-y", 0))
                   for part in ("position", "velocity")]
         turns = [reader.body(name, part) for name in SLIDERS for part in ("angle", "angular_velocity")]

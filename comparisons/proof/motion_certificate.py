@@ -1,0 +1,144 @@
+"""A proven motion as a certificate that can be checked step by step, in any order.
+
+Each step claims: *every solution that is at t0 in the set ``start`` is, whatever mode changes happen in between, at t1
+in the set ``start`` of the next step (at last, ``end``), and changes its mode exactly at the listed times.* A set is
+{centre + frame r : r in size}. In a mode of rest the velocity is that of the surface whatever the set says.
+
+The check proves each claim with more bits and another order than those that found it. It takes from the file what is
+claimed, nothing that was computed on the way: enclosures, remainders and derivatives are its own. The decimals of
+events and end state, which are there to be read, have to contain what is proven.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from flint import arb
+
+from stiction.comparisons.proof.certificate import (Claims, Failure, Format, ball_texts, claimed_scene, contains,
+                                                    decimals, exact_text, matrix_texts, read_ball, read_ball_within,
+                                                    read_matrix, read_number)
+from stiction.comparisons.proof.enclosures import NotProven
+from stiction.comparisons.proof.enclosures.series import halves
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
+from stiction.comparisons.proof.motion import ProvenMotion, provable
+from stiction.comparisons.proof.step import Precision, ProvenEvent, StateSet, take_step
+from stiction.scenes import Scene, scene_to_toml
+
+_MORE_BITS, _MORE_ORDER = 64, 5
+_SLACK = 4
+"""Part by which balls in decimals are wider than was found: sines and cosines of balls do not narrow with more bits."""
+
+
+def motion_certificate(motion: ProvenMotion, scene: Scene, digits: int) -> Claims:
+    """Return the claims about a motion."""
+    p, mechanism, last = motion.precision, motion.mechanism, motion.steps[-1]
+
+    def shown(columns: Mapping[str, arb]) -> dict[str, str]:
+        return {name: decimals(value + (p.margin + value.rad() / _SLACK) * arb(0, 1), digits)
+                for name, value in columns.items()}
+
+    with p.working():
+        steps = [{"t0": exact_text(step.t0), "mode": step.legs[0].mode, "start": _set(step.start),
+                  "events": [{"kind": event.kind, "after": event.after, "time": ball_texts(event.time)}
+                             for event in step.events]} for step in motion.steps]
+        events = [{"kind": event.kind, "joint": event.joint, "time [s]": decimals(event.time, digits),
+                   **shown(mechanism.columns(event.time, event.q, event.v))} for event in motion.events]
+        state = shown(_end_columns(mechanism, last.t1, motion.end, last.legs[-1].mode))
+        return {"format": FORMAT.name, "scene": scene.name, "file": scene_to_toml(scene), "digits": digits,
+                "bits": p.bits, "order": p.order, "largest width": motion.width().str(3, radius=False),
+                "t_end [s]": decimals(last.t1, digits), "state at t_end": state, "events": events, "steps": steps,
+                "end": {"mode": last.legs[-1].mode, "set": _set(motion.end)}}
+
+
+def _set(states: StateSet) -> dict[str, Any]:
+    return {"centre": [exact_text(x) for x in states.centre], "frame": matrix_texts(states.frame),
+            "size": [ball_texts(x) for x in states.size]}
+
+
+@dataclass(frozen=True)
+class _Junction:
+    """The junction of two steps; its set is at least (`start`) or at most (`target`) as large as claimed."""
+
+    t: arb
+    mode: Hashable
+    start: StateSet
+    target: StateSet
+
+    @classmethod
+    def read(cls, t: arb, mode: Any, claimed: dict[str, Any]) -> _Junction:
+        """Read the claimed mode and set at an instant."""
+        centre, frame = tuple(map(read_number, claimed["centre"])), read_matrix(claimed["frame"])
+        start, target = (StateSet(centre, frame, tuple(map(read, claimed["size"])))
+                         for read in (read_ball, read_ball_within))
+        return cls(t, _read_mode(mode), start, target)
+
+
+def _read_mode(claimed: Any) -> Hashable:
+    return tuple(claimed) if isinstance(claimed, list) else claimed
+
+
+def _end_columns(mechanism: ProvableMechanism, t: arb, end: StateSet, mode: Hashable) -> dict[str, arb]:
+    """Return the columns of a set at the end of a motion in a mode."""
+    q, v = halves(end.hull())
+    held = mechanism.held(mode)
+    return mechanism.columns(t, q, [held.get(i, speed) for i, speed in enumerate(v)])
+
+
+def _failures(claims: Claims) -> Iterator[Failure]:
+    precision = Precision(int(claims["bits"]) + _MORE_BITS, int(claims["order"]) + _MORE_ORDER, float("inf"))
+    with precision.working():
+        mechanism = provable(claimed_scene(claims))
+        steps, end, shown = claims["steps"], claims["end"], iter(claims["events"])
+        junctions = [*(_Junction.read(read_number(step["t0"]), step["mode"], step["start"]) for step in steps),
+                     _Junction.read(mechanism.t_end, end["mode"], end["set"])]
+        first, last, mode = junctions[0], junctions[-1], mechanism.start().mode
+        if not first.target.contains([*mechanism.q, *mechanism.v]):
+            yield Failure(-1, "the start of the scene is not in the first set")
+        if first.mode != mode or first.t != 0:
+            yield Failure(-1, f"the motion starts at 0 in mode {mode}, the first step at {first.t} in {first.mode}")
+        for i, (step, begin, end) in enumerate(zip(steps, junctions, junctions[1:])):
+            for reason in _differences(mechanism, precision, step["events"], (begin, end), shown):
+                yield Failure(i, reason)
+        state, claimed = _end_columns(mechanism, last.t, last.start, last.mode), claims["state at t_end"]
+        if next(shown, None) is not None or not all(contains(claimed[name], value) for name, value in state.items()):
+            yield Failure(-1, "the list of events or the state at t_end differs from the steps")
+
+
+def _differences(mechanism: ProvableMechanism, precision: Precision, claimed: list[dict[str, Any]],
+                 ends: tuple[_Junction, _Junction], shown: Iterator[dict[str, str]]) -> Iterator[str]:
+    """Prove a step again: what differs from its claimed events and the set at its end, and from the events shown."""
+    begin, end = ends
+    if not begin.t < end.t:
+        yield "the step does not go forward"
+        return
+    first = mechanism.start() if begin.t == 0 else Next(begin.mode)
+    try:
+        again = take_step(mechanism, begin.t, begin.start, first, 0.0, precision, end.t)
+    except NotProven as error:
+        yield str(error)
+        return
+    changes = [(event["kind"], _read_mode(event["after"])) for event in claimed]
+    found = [(event.kind, event.after) for event in again.events]
+    if changes != found or again.legs[-1].mode != end.mode:
+        yield f"other changes of mode: {found} instead of {changes}"
+    elif not all(read_ball_within(one["time"]).contains(event.time) for one, event in zip(claimed, again.events)):
+        yield "the time of an event is not within its interval"
+    elif not again.start.image_lies_in(again.point, again.derivative, end.target):
+        yield "the image of the set is not within the next set"
+    for event in again.events:
+        if not _shows(next(shown, None), event, mechanism):
+            yield f"the list of events has no {event.kind} at {event.time.str(10)} s as proven"
+
+
+def _shows(shown: dict[str, str] | None, event: ProvenEvent, mechanism: ProvableMechanism) -> bool:
+    """Return whether the decimals of an event contain what is proven of it."""
+    if shown is None or (shown["kind"], shown["joint"]) != (event.kind, event.joint):
+        return False
+    columns = mechanism.columns(event.time, event.q, event.v)
+    return contains(shown["time [s]"], event.time) and all(contains(shown[name], columns[name]) for name in columns)
+
+
+FORMAT = Format("stiction proof 1", "step", lambda claims: len(claims["steps"]), _failures)

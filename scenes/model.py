@@ -1,4 +1,4 @@
-"""What a scene is: a planar mechanism and the effects it declares.
+"""Scene: a planar mechanism and the effects it declares.
 
 Conventions. SI units, angles in radians, counter-clockwise positive. Points and directions
 that belong to a body are given in that body's axes, from its centre of mass; `"ground"` is the

@@ -101,7 +101,7 @@ def _other_events(expected: Sequence[Event], found: Sequence[Event], t_end: floa
 
 
 def _known(solve: Callable[[Scene, float], object], scene: Scene, t_end: float) -> object:
-    """Solution of a scene, kept: all variants of a case follow each other, and it often takes longer than their runs."""
+    """Solve a scene once: all variants of a case follow each other, and it often takes longer than their runs."""
     return _found(solve, pickle.dumps(scene), t_end)
 
 
@@ -172,7 +172,7 @@ def accepted_start(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     moved = [abs(run[f"{name}.{column}"][0] - declared) for name, body in scene.bodies.items()
              for column, declared in zip(STATE, (*body.position, body.angle, *body.velocity, body.angular_velocity))]
     return {"start accepted off its constraints": float(max(run["drift.position"][0], run["drift.velocity"][0])),
-            "start moved without a word": float(max(moved))}
+            "start moved silently": float(max(moved))}
 
 
 def comes_to_rest(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:

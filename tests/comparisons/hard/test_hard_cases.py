@@ -252,13 +252,13 @@ def test_hyperstatic_stick_does_not_depend_on_order_or_units():
 
 
 @pytest.mark.parametrize("moved", [0.0, 1e-3])
-def test_a_start_moved_without_a_word_has_a_size(moved):
+def test_a_start_moved_silently_has_a_size(moved):
     scene = load_scene("hard/inconsistent-velocity")
     columns = {f"{name}.{column}": np.array([float(value)]) for name, body in scene.bodies.items() for column, value in zip(
         ("x", "y", "angle", "vx", "vy", "omega"), (*body.position, body.angle, *body.velocity, body.angular_velocity))}
     columns["bar.x"] = columns["bar.x"] + moved
     run = Trajectory(scene.name, "any", "1", "joint", np.zeros(1), columns | {"drift.position": np.zeros(1), "drift.velocity": np.zeros(1)})
-    assert accepted_start(case_of(), [scene], [run])["start moved without a word"] == pytest.approx(moved)
+    assert accepted_start(case_of(), [scene], [run])["start moved silently"] == pytest.approx(moved)
 
 
 def test_time_at_rest():

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 class Column:
     """Columns ``<owner>.<name>``, one for each of `names`.
 
-    `owner`: ``BODY``, ``PIN``, ``GUIDE``, ``DRIVE``, to be replaced by the name of the element, or ``drift``. `where`: which of them have it,
-    if not all.
+    `owner`: ``BODY``, ``PIN``, ``GUIDE``, ``DRIVE``, to be replaced by the name of the element, or ``drift``. `where`:
+    condition under which it has them.
     """
 
     owner: str
@@ -34,13 +34,17 @@ COLUMNS = (
     Column("BODY", ("alpha",), "rad/s²", "angular acceleration"),
     Column("PIN", ("fx", "fy"), "N", "force on the first body, in ground axes"),
     Column("GUIDE", ("normal_force",), "N", "resultant R on the slider along the normal (direction turned by +90°)"),
-    Column("GUIDE", ("moment",), "N m", "total moment on the slider about its point, normal forces and surface friction together"),
+    Column("GUIDE", ("moment",), "N m",
+           "total moment on the slider about its point, normal forces and surface friction together"),
     Column("GUIDE", ("displacement",), "m", "of the slider along the guide"),
     Column("GUIDE", ("slip_velocity",), "m/s", "along the guide"),
     Column("GUIDE", ("friction",), "N", "force on the slider along the direction", _FRICTION),
-    Column("GUIDE", ("mode",), "", "-1 slip against the direction, 0 stick, 1 slip along it; not from every engine", _FRICTION),
-    Column("GUIDE", ("F1", "F2", "F3", "F4"), "N", "corner forces: 1 lower rear, 2 lower front, 3 upper front, 4 upper rear", _LENGTH),
-    Column("GUIDE", ("friction_lower", "friction_upper"), "N", "friction on the two surfaces", "with a length and friction"),
+    Column("GUIDE", ("mode",), "", "-1 slip against the direction, 0 stick, 1 slip along it; not from every engine",
+           _FRICTION),
+    Column("GUIDE", ("F1", "F2", "F3", "F4"), "N",
+           "corner forces: 1 lower rear, 2 lower front, 3 upper front, 4 upper rear", _LENGTH),
+    Column("GUIDE", ("friction_lower", "friction_upper"), "N", "friction on the two surfaces",
+           "with a length and friction"),
     Column("DRIVE", ("effort",), "N m or N", "torque or force of the drive on its first body"),
     Column("drift", ("position",), "m, rad", "Euclidean norm of Phi, the residuals of the constraints"),
     Column("drift", ("velocity",), "m/s, rad/s", "Euclidean norm of Phi'"),

@@ -1,4 +1,4 @@
-"""What is wrong in a scene, or in another file that people write, in the terms of the file."""
+"""Problems of a scene, or of another file that people write, in the terms of the file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stiction.scenes.model import Body, Drive, Joint, Load, Scene, Spring, Stabi
 from stiction.scenes.wording import did_you_mean, names, shortened, shown
 
 _SHOWN = 20  # problems in one message: a screen
-_KEPT = 1000  # problems in one error: what a hostile file adds beyond tells nobody anything
+_KEPT = 1000  # problems in one error: a hostile file may have a million
 
 
 @dataclass(frozen=True)
@@ -77,15 +77,17 @@ def _variants_at(place: Sequence[str | int]) -> Mapping[str, type[BaseModel]]:
 
 
 def _unknown(location: Sequence[str | int], key: str) -> str:
-    """What to say of a key that its table does not have. The location includes the tags of unions."""
+    """Word the problem of a key that its table does not have. The location includes the tags of unions."""
     *place, last = location
     variants = _variants_at(place)
     if last in Scene.model_fields:
         return "unknown key: it belongs at the top of the file, above the first [table]"
     known = (variants.get("") or variants[place[-1]]).model_fields
     hint = did_you_mean(last, known) or f"; expected one of: {names(known)}"
-    if owners := [tag for tag, model in variants.items() if tag and last in model.model_fields]:  # a tag was changed, what belongs to the old one was not
-        return f"unknown key of {place[-1]!r}, one of {' and '.join(map(repr, owners))}{hint}; what a base has is removed by unset = [\"{key}\"] or --set {key}="
+    if owners := [tag for tag, model in variants.items() if tag and last in model.model_fields]:
+        # a tag was changed, what belongs to the old one was not
+        return (f"unknown key of {place[-1]!r}, one of {' and '.join(map(repr, owners))}{hint}; "
+                f"what a base has is removed by unset = [\"{key}\"] or --set {key}=")
     return f"unknown key{hint}"
 
 
@@ -135,15 +137,16 @@ def _problems(detail: Mapping[str, Any]) -> Iterator[Problem]:
 
 
 def found_in(detail: Mapping[str, Any]) -> str:
-    """What stands where pydantic describes an error."""
+    """Word the value at which pydantic found an error."""
     return "nothing" if detail["type"] == "missing" else shown(detail["input"])
 
 
 def expectation(detail: Mapping[str, Any]) -> str:
-    """What a value should have been, of an error that pydantic describes by its value alone."""
+    """Word the expectation of a value of which pydantic describes an error."""
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "value_error":
         return str(context["error"])
     if kind == "literal_error":
-        return f"expected {context['expected']}{did_you_mean(detail['input'], context['expected'].split(chr(39))[1::2])}"
+        options = context["expected"].split("'")[1::2]
+        return f"expected {context['expected']}{did_you_mean(detail['input'], options)}"
     return _EXPECTED[kind].format(**context) if kind in _EXPECTED else detail["msg"]

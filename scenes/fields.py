@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
+from pydantic import (AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema,
+                      model_validator)
 from pydantic_core import PydanticCustomError
 
 from stiction.scenes.base_errors import InputError
@@ -21,7 +22,7 @@ class Model(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
-        """What is wrong although each field by itself is right: key, value found, what was expected."""
+        """Yield problems of fields that are right by themselves: key, value found, what was expected."""
         return iter(())
 
     def __dir__(self) -> Iterable[str]:
@@ -46,7 +47,7 @@ def _direction(vector: tuple[float, float]) -> tuple[float, float]:
 
 
 LIGHTEST, HEAVIEST = 1e-60, 1e60
-"""Of masses and inertias, in kg and kg m²: mass matrices are multiplied with each other, and energies must be floats too."""
+"""Limits of masses and inertias, kg and kg m²: products of mass matrices, and energies, must be floats too."""
 
 
 def _weighty(value: float) -> float:
@@ -56,7 +57,7 @@ def _weighty(value: float) -> float:
 
 
 def _number_in_a_file(**limits: float) -> WithJsonSchema:
-    """How editors see a number: within its limits, or arithmetic, which only the program can evaluate."""
+    """Schema of a number for editors: within its limits, or arithmetic, which only the program can evaluate."""
     return WithJsonSchema({"anyOf": [{"type": "number", **limits}, {"type": "string"}]})
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import keyword
-import pickle
 import re
 import tomllib
-import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from itertools import chain
@@ -21,24 +19,23 @@ from stiction.scenes.errors import ELEMENTS, Problem, SceneError, problems_of
 from stiction.scenes.expressions import CONSTANTS, FUNCTIONS, evaluate
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Scene
-from stiction.scenes.overrides import flattened, full_path, override
+from stiction.scenes.overrides import flattened, override
 from stiction.scenes.wording import did_you_mean, names, shortened, shown
 
 MAX_FILE_SIZE = 4 * 2 ** 20
 """Bytes; a larger file is refused unread (10 000 bodies with a joint each take 2 MB)."""
 MAX_DEPTH = 10
 """Tables and lists within each other; a scene needs 5."""
+_EXPECTED_NAME = ("expected a letter of a-z or A-Z, then such letters, digits or _, "
+                  "and no word of arithmetic or of Python")
 _BASED_KEYS = ("base", "title", "source", "set", "unset")
 _QUOTED = re.compile(r"""(?sx) \"{3} (?: \\. | [^\\] )*? (?: \"{3} | \Z )  |  '{3} .*? (?: '{3} | \Z )
                          | " (?: \\. | [^"\\\n] )*+ "?  |  ' [^'\n]*+ '?  |  \# [^\n]*+""")
-_WORD = re.compile("[A-Za-z][A-Za-z0-9_]*")
-_WHOLE = {(section,) for section in ("parameters", *ELEMENTS)}
-"""Paths of sections: what is set there may change anything."""
 _DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){%d}" % MAX_DEPTH)
 
 
 def catalogue(folder: str = "") -> list[str]:
-    """Names of the scenes that come with the suite; those of a folder of the catalogue, such as ``"hard"``, start with it."""
+    """Names of the scenes of the suite; those of a folder of the catalogue, such as ``"hard"``, start with it."""
     return [name for name in _catalogue_files() if name.rpartition("/")[0] == folder]
 
 
@@ -57,12 +54,16 @@ def scene_text(name: str) -> str:
     """
     known = _catalogue_files()
     if name not in known:
-        raise SceneError("catalogue", [Problem("scene", shown(name), f"expected one of: {names(catalogue())}, or of hard/{did_you_mean(name, known)}")])
+        raise SceneError("catalogue", [Problem("scene", shown(name), _expected_scene(name, known))])
     return known[name].read_text(encoding="utf-8")
 
 
+def _expected_scene(name: str, known: Iterable[str]) -> str:
+    return f"expected one of: {names(catalogue())}, or of hard/{did_you_mean(name, known)}"
+
+
 def new_scene_text() -> str:
-    """The text of a small scene with friction that says in comments what there is, to begin with."""
+    """The text of a small scene with friction to begin with, whose comments explain the format."""
     return (resources.files("stiction.scenes") / "new.toml").read_text(encoding="utf-8")
 
 
@@ -92,93 +93,27 @@ def load_scene(name_or_path: str | Path, overrides: Mapping[str, Any] | None = N
 
 def scene_from_dict(raw: Mapping[str, Any], origin: str = "<scene>",
                     overrides: Mapping[str, Any] | None = None, name: str | None = None) -> Scene:
-    """A scene from nested dictionaries, as a TOML file would give them; see `load_scene`. None means absent."""
+    """Make a scene from nested dictionaries, as a TOML file would give them; see `load_scene`. None means absent."""
     raw = _plain(raw, origin)
     _apply(raw, overrides or {}, origin)
-    return _scene(raw, origin, name or origin)
-
-
-def _scene(raw: dict[str, Any], origin: str, name: str) -> Scene:
-    """The scene of plain tables, which it keeps, or SceneError."""
-    parameters, problems, tables = {}, [], raw
+    parameters, problems, invalid, tables = {}, [], iter(()), raw
     if isinstance(raw.get("parameters"), dict):
-        parameters, problems = _parameters(raw["parameters"], {})
+        parameters, problems = _parameters(raw["parameters"])
         tables = raw | {"parameters": parameters}
-    scene = _validated(tables, parameters, problems, _reference_problems(raw), raw, origin)
-    scene._raw, scene._origin, scene._name = raw, origin, name
-    return scene
-
-
-def _validated(tables: Mapping[str, Any], parameters: Mapping[str, float], problems: list[Problem], unresolved: Iterable[Problem],
-               raw: Mapping[str, Any], origin: str) -> Scene:
-    """A scene of `tables`, all of `raw` or some, or SceneError; `problems` are those with parameters, `unresolved` those with references
-    that are not known from validation."""
     try:
         scene = Scene.model_validate(tables, context=parameters)
     except ValidationError as error:
-        raise SceneError(origin, chain(problems, problems_of(error), _reference_problems(raw))) from None
-    if problems := [*problems, *unresolved]:
-        raise SceneError(origin, problems)
+        invalid = problems_of(error)
+    wrong = chain(problems, invalid, _reference_problems(raw))
+    if (first := next(wrong, None)) is not None:
+        raise SceneError(origin, chain([first], wrong))
+    scene._raw, scene._origin, scene._name = raw, origin, name or origin
     return scene
 
 
 def vary(scene: Scene, overrides: Mapping[str, Any]) -> Scene:
-    """The scene with some of its values replaced or, where they are None, removed; keys as in `load_scene`.
-
-    Both have the same objects for what the overrides do not touch: sections, and elements of the others.
-    """
-    keys = tuple(map(str, overrides))
-    if keys not in scene._touched:
-        scene._touched[keys] = _touched(scene, keys)
-    touched, raw = scene._touched[keys], dict(scene._raw)
-    raw |= pickle.loads(pickle.dumps({field: raw[field] for field in raw if touched is None or field in touched}))
-    _apply(raw, overrides, scene._origin)
-    if touched is None:
-        return _scene(raw, scene._origin, scene._name)
-    parameters, problems = scene.parameters, []
-    if changed := touched.get("parameters"):
-        parameters, problems = _parameters(raw["parameters"], {name: value for name, value in parameters.items() if name not in changed})
-    tables = {field: {name: raw[field][name] for name in raw[field] if name in names} if field in ELEMENTS else raw[field]
-              for field, names in touched.items() if field in raw and field != "parameters"}
-    tables["bodies"] = tables.get("bodies") or {name: scene.bodies[name] for name in [*raw["bodies"]][:1]}  # a scene must have one
-    resolved = all(isinstance(value, (int, float)) for value in overrides.values())  # numbers name nothing
-    read = _validated(tables, parameters, problems, () if resolved else _reference_problems(raw), raw, scene._origin)
-    update: dict[str, Any] = {"parameters": parameters}
-    for field in touched.keys() - update.keys():
-        old, new = getattr(scene, field), getattr(read, field)
-        update[field] = {name: new.get(name) or old[name] for name in raw[field]} if field in ELEMENTS else new
-    varied = scene.model_copy(update=update)
-    varied._raw = raw
-    return varied
-
-
-def _touched(scene: Scene, keys: Iterable[str]) -> dict[str, set[str]] | None:
-    """What overrides at some keys may change, fields of the scene and of each the names in it; None if that may be anything.
-
-    It is what is at the keys, and what mentions a parameter whose value may be another.
-    """
-    raw = scene._raw
-    paths = [tuple(full_path(raw, key) or ()) for key in keys]
-    if () in paths or not _WHOLE.isdisjoint(paths) or len(set(paths)) < len(paths):
-        return None
-    touched: dict[str, set[str]] = {}
-    for field, *names in paths:
-        touched.setdefault(field, set()).update(names[:1])
-    if changed := touched.get("parameters"):
-        for field in sorted(raw, key="parameters".__ne__):  # first, where each may use those above it
-            for name, value in raw[field].items() if field == "parameters" or field in ELEMENTS else [("", raw[field])]:
-                if not changed.isdisjoint(_words(value)):
-                    touched.setdefault(field, set()).add(name)
-    return touched
-
-
-def _words(value: Any) -> Iterator[str]:
-    """What may be a parameter in the arithmetic of a table, a list or a text; Python reads a letter of another form as the letter (NFKC)."""
-    if isinstance(value, str):
-        yield from _WORD.findall(unicodedata.normalize("NFKC", value))
-    elif isinstance(value, (dict, list)):
-        for item in value.values() if isinstance(value, dict) else value:
-            yield from _words(item)
+    """Return the scene with values replaced or, where they are None, removed; keys as in `load_scene`."""
+    return scene_from_dict(scene._raw, scene._origin, overrides, scene._name)
 
 
 def scene_to_toml(scene: Scene) -> str:
@@ -187,7 +122,7 @@ def scene_to_toml(scene: Scene) -> str:
 
 
 def _read(name_or_path: str, folder: Path, derived: tuple[Path, ...]) -> dict[str, Any]:
-    """The tables of a file, those of its base included; `derived` holds the files that have led to this one."""
+    """Read the tables of a file, those of its base included; `derived` holds the files that have led to this one."""
     known = _catalogue_files()
     asked_by, key = (str(derived[-1]), "base") if derived else (name_or_path, "scene")
     try:
@@ -196,8 +131,8 @@ def _read(name_or_path: str, folder: Path, derived: tuple[Path, ...]) -> dict[st
     except (OSError, ValueError) as error:  # a name too long, a null byte
         path, kind = Path(), str(error)
     if kind:
-        beside = sorted(file.name for file in folder.glob("*.toml"))
-        expected = f"expected a TOML file or one of: {names(catalogue())}, or of hard/{did_you_mean(name_or_path, [*known, *beside])}"
+        near = sorted(file.name for file in folder.glob("*.toml"))
+        expected = _expected_scene(name_or_path, [*known, *near]).replace("expected", "expected a TOML file or", 1)
         raise SceneError(asked_by, [Problem(key, f"{shown(name_or_path)} ({shortened(kind)})", expected)])
     if path in derived:
         raise SceneError(asked_by, [Problem(key, " -> ".join(file.stem for file in (*derived, path)),
@@ -259,7 +194,6 @@ def _apply(raw: dict[str, Any], changes: Mapping[str, Any], origin: str) -> None
         raise SceneError(origin, problems)
 
 
-_SCALARS = (str, float, int, bool)
 _TOO_DEEP = "lists or tables nested too deep", f"expected at most {MAX_DEPTH} levels"
 
 
@@ -267,7 +201,7 @@ def _plain(value: Any, origin: str, depth: int = 0) -> Any:
     """A copy in the types that TOML has; numbers and sequences of other libraries become Python's own."""
     if depth > MAX_DEPTH:
         raise SceneError(origin, [Problem("file", *_TOO_DEEP)])
-    if type(value) in _SCALARS:
+    if type(value) in (str, float, int, bool):
         return value
     if isinstance(value, Mapping):
         return {str(key): _plain(item, origin, depth + 1) for key, item in value.items() if item is not None}
@@ -278,18 +212,14 @@ def _plain(value: Any, origin: str, depth: int = 0) -> Any:
     return value
 
 
-def _parameters(table: Mapping[str, Any], known: Mapping[str, float]) -> tuple[dict[str, float], list[Problem]]:
-    """Parameters in order of appearance, some of them known; each may use those before it. A wrong one counts as 1 from there on."""
+def _parameters(table: Mapping[str, Any]) -> tuple[dict[str, float], list[Problem]]:
+    """Evaluate parameters in order of appearance; each may use those before it. A wrong one counts as 1 after that."""
     values: dict[str, float] = {}
     problems = []
     for key, value in table.items():
-        if key in known:
-            values[key] = known[key]
-            continue
-        taken = keyword.iskeyword(key) or key in CONSTANTS or key in FUNCTIONS
-        if taken or not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", key):
-            expected = "expected a letter of a-z or A-Z, then such letters, digits or _, and no word of arithmetic or of Python"
-            problems.append(Problem("parameters", f"the name {shown(key)}", expected))
+        reserved = keyword.iskeyword(key) or key in CONSTANTS or key in FUNCTIONS
+        if reserved or not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", key):
+            problems.append(Problem("parameters", f"the name {shown(key)}", _EXPECTED_NAME))
             continue
         try:
             values[key] = evaluate(value, values)

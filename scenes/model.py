@@ -1,4 +1,4 @@
-"""What a scene is: a planar mechanism and the effects it declares.
+"""Scene: a planar mechanism and the effects it declares.
 
 Conventions. SI units, angles in radians, counter-clockwise positive. Points and directions
 that belong to a body are given in that body's axes, from its centre of mass; `"ground"` is the
@@ -277,23 +277,17 @@ class Scene(Model):
     _raw: dict[str, Any] = PrivateAttr(default_factory=dict)
     _origin: str = PrivateAttr(default="<scene>")
     _name: str = PrivateAttr(default="<scene>")
-    _touched: dict[tuple[str, ...], dict[str, set[str]] | None] = PrivateAttr(default_factory=dict)
 
     def __eq__(self, other: object) -> bool:
-        """Whether both declare the same mechanism; where they were read from does not matter."""
+        """Compare what two scenes declare; where they were read from does not matter."""
         return isinstance(other, Scene) and self.__dict__ == other.__dict__
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         """Name, number of elements of each kind, and end: pydantic makes ``repr`` of them."""
         yield None, shortened(self.name)
-        yield from ((section, len(getattr(self, section))) for section in ("bodies", "joints", "drives", "springs", "forces"))
+        for section in ("bodies", "joints", "drives", "springs", "forces"):
+            yield section, len(getattr(self, section))
         yield "t_end", self.t_end
-
-    def __copy__(self) -> Scene:
-        """As pydantic's, without what has been found of this scene's tables: those of a copy may be others."""
-        copied = super().__copy__()
-        copied._touched = {}
-        return copied
 
     @property
     def name(self) -> str:
@@ -311,7 +305,7 @@ class Scene(Model):
         return {name: guide for name, guide in self.guides.items() if guide.frictional}
 
     def draw(self) -> Picture:
-        """The mechanism at t = 0, corners of sliders numbered; ``draw().write("scene.svg")`` makes a file (.svg, .pdf, .png)."""
+        """Draw the mechanism at t = 0; ``draw().write("scene.svg")`` makes a file (.svg, .pdf, .png)."""
         from stiction.scenes.pictures.mechanism import drawing
 
         return drawing(self)

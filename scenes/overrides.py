@@ -112,7 +112,7 @@ def _get(place: Any, part: str) -> Any:
 
 
 def _default(parts: list[str]) -> Any:
-    """What the file means where it says nothing at a path: a section or an element's default; tuples as lists."""
+    """Default of a path at which the file has nothing: of a section or of an element's key; tuples as lists."""
     if len(parts) == 1 and parts[0] in Scene.model_fields:
         return {} if parts[0] in ELEMENTS or parts[0] in ("parameters", "stabilization") else None
     if len(parts) == 3 and parts[0] in ELEMENTS:

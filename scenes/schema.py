@@ -9,7 +9,7 @@ from typing import Any
 from stiction.scenes.model import Scene
 
 SCHEMA_FILE = "scene.schema.json"
-"""Its usual name, beside the scene files that name it in their first line."""
+"""Its usual name, in the folder of the scene files that name it in their first line."""
 DIALECT = "http://json-schema.org/draft-07/schema#"
 """The one that editors of TOML understand."""
 _DERIVED = {
@@ -26,11 +26,11 @@ _DERIVED = {
 
 
 def scene_schema() -> dict[str, Any]:
-    """The schema of a scene file, JSON schema draft 7.
+    """Return the schema of a scene file, JSON schema draft 7.
 
-    It has every key, its type, its limits and its description. What depends on several keys at once (a body that does not exist,
-    ``mus`` below ``mu``, arithmetic that cannot be read) only `load_scene` finds: a file that fails the schema is no scene, one that
-    passes may not be one yet.
+    It has every key, its type, its limits and its description. Only `load_scene` finds what depends on several keys at
+    once (a body that does not exist, ``mus`` below ``mu``) and arithmetic that cannot be read: a file that fails the
+    schema is no scene, one that passes may not be one yet.
     """
     made = _strict(Scene.model_json_schema())
     definitions = made.pop("$defs")
@@ -44,15 +44,16 @@ def scene_schema_text() -> str:
 
 
 def _strict(schema: Any) -> Any:
-    """What pydantic writes, as draft 7 and TOML have it.
+    """Turn a schema of pydantic's into draft 7 for TOML.
 
-    There is no null in TOML; a key that tells the members of a union apart must be there; of names that match no pattern there is none.
+    There is no null in TOML; the tag of a union's member is required; names that match no pattern are refused.
     """
     if isinstance(schema, list):
         return [_strict(entry) for entry in schema]
     if not isinstance(schema, Mapping):
         return schema
-    made = {key: _strict(value) for key, value in schema.items() if not (key == "title" and isinstance(value, str)) and key != "discriminator"}
+    dropped = {"discriminator", *(["title"] if isinstance(schema.get("title"), str) else [])}
+    made = {key: _strict(value) for key, value in schema.items() if key not in dropped}
     if isinstance(made.get("$ref"), str):
         made["$ref"] = made["$ref"].replace("#/$defs/", "#/definitions/")
     if "prefixItems" in made:

@@ -1,4 +1,4 @@
-"""What a simulation yields."""
+"""Results of a simulation: trajectory, events, breakdown, cost."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class Event:
     joint : str
         The guide concerned.
     before, after : Mapping[str, float]
-        The two-sided values of the columns of the trajectory: all, or those of the part of the scene that the joint belongs to
-        where an engine integrates parts that do not act on each other on their own.
+        The two-sided values of the columns of the trajectory: all, or those of the joint's part of the scene where an
+        engine integrates parts that do not act on each other separately.
     other_modes : int
-        Contact modes other than the chosen one that would have obeyed Coulomb's law with two coefficients: where several guides are at
-        rest, each of two may be the one that breaks away.
+        Contact modes other than the chosen one that would have obeyed Coulomb's law with two coefficients: where
+        several guides are at rest, each of two may be the one that breaks away.
     """
 
     time: float
@@ -64,14 +64,14 @@ class Breakdown:
     Attributes
     ----------
     kind : str
-        In one or two words, the same for the same cause: ``"no solution"``, ``"several solutions"``, ``"sign cycle"``, ..;
-        those of the reference implementation are listed in `stiction.reference_impl.friction.outcomes`.
+        In one or two words, the same for the same cause: ``"no solution"``, ``"several solutions"``, ``"sign cycle"``,
+        ..; `stiction.reference_impl.friction.outcomes` lists those of the reference.
     time : float
         Seconds.
     reason : str
         In full.
     guide : str
-        The guide concerned: the one whose friction comes closest to losing its solution, or whose signs cycle; empty if none.
+        The one whose friction comes closest to losing its solution, or whose signs cycle; empty if none.
     solutions : int, optional
         How many motions can follow, where that was counted.
     """
@@ -89,13 +89,12 @@ class Breakdown:
 
 @dataclass(frozen=True)
 class Cost:
-    """Where the time went; seconds of CPU of the process, counters by name.
+    """CPU time of the process (s), and counters by name.
 
-    `setup_s`: from the scene to something that can step, without compiling. `compile_s`:
-    just-in-time compilation. `stepping_s`: from the first step to the last, with the output
-    that was asked for. `counters`: e.g. ``steps``, ``rhs``, ``hlcp``, ``pivots``, ``events``.
-    `engine_s`: of `stepping_s`, what was spent inside the engine's own calls, its adapter apart; None where they are not told apart,
-    and then the engine is counted whole.
+    `setup_s`: from the scene to something that can step, without compiling. `compile_s`: just-in-time compilation.
+    `stepping_s`: from the first step to the last, with the requested output. `counters`: e.g. ``steps``, ``rhs``,
+    ``hlcp``, ``pivots``, ``events``. `engine_s`: the share of `stepping_s` inside the engine's own calls, without its
+    adapter; None where it is not measured, and then the engine is counted whole.
     """
 
     setup_s: float = 0.0
@@ -121,15 +120,8 @@ class Trajectory:
     t : ndarray, shape (n,)
         Output times, increasing.
     columns : Mapping[str, ndarray]
-        By name, each of shape (n,). Bodies: ``<body>.x .y .angle .vx .vy .omega .ax .ay .alpha``.
-        Revolute joints: ``.fx .fy`` (force on the first body, ground axes). Guides:
-        ``.normal_force`` (resultant R, on the slider along the normal), ``.moment`` (total
-        moment on the slider about its point, normal forces and surface friction together),
-        ``.displacement .slip_velocity`` (along the guide), with friction ``.friction`` (on the
-        slider along the direction) and ``.mode`` (-1, 0, 1: slip against, stick, slip along), with a
-        length ``.F1 .. .F4`` (1 lower rear, 2 lower front, 3 upper front, 4 upper rear) and, with
-        friction, ``.friction_lower .friction_upper``. Drives: ``.effort``. Residuals: ``drift.position``
-        and ``drift.velocity``, Euclidean norms of Phi and Phi'.
+        By name, such as ``guide.friction``, each of shape (n,); `stiction.scenes.columns.COLUMNS` lists them with
+        their units and meanings.
     events : tuple of Event
         In order of time; empty for an engine that does not locate any.
     settings : Mapping
@@ -141,7 +133,7 @@ class Trajectory:
     breakdown : Breakdown, optional
         The same in data, where the engine knows it.
     mechanism : Scene, optional
-        What was simulated, as `Engine.simulate` adds it; None for one that was read from a file, which cannot be drawn.
+        Added by `Engine.simulate`; None for a trajectory that was read from a file, which cannot be drawn.
     """
 
     scene: str
@@ -190,7 +182,9 @@ class Trajectory:
         return evolution(self, columns)
 
     def animate(self, file: str | Path) -> int:
-        """Write a film of the mechanism with its corner forces: .gif, .html, or .mp4 where ffmpeg is installed. Returns the number of frames.
+        """Write a film of the mechanism with its corner forces; returns the number of frames.
+
+        The name ends in .gif, .html, or .mp4 where ffmpeg is installed.
 
         Raises
         ------
@@ -202,7 +196,8 @@ class Trajectory:
         from stiction.scenes.pictures.animation import animate
 
         if self.mechanism is None:
-            raise ValueError(f"mechanism: found None; expected the trajectory of {self.scene} as Engine.simulate returns it")
+            raise ValueError("mechanism: found None; "
+                             f"expected the trajectory of {self.scene} as Engine.simulate returns it")
         return animate(self.mechanism, self, Path(file))
 
     def _repr_html_(self) -> str:

@@ -26,6 +26,7 @@ FIELDS = {"problem": "A0 y = A1 x + b, y >= 0, x >= 0, y^T x = 0, with n pairs (
           "outcome": f"'{SOLVED}', or '{UNSOLVABLE}': the reference found none in any contact mode, redundant forces "
                      f"(A0 singular) shared in one way; in the set of the suite none exists",
           "lcp": "whether A0 is regular, so that it is the LCP y = (A0^-1 A1) x + A0^-1 b"}
+PARTS = ("A0", "A1", "b", "y", "x")
 _DIGITS = 17
 
 
@@ -34,7 +35,7 @@ def write_folder(problems: Iterable[Problem], folder: str | Path) -> int:
 
     Raises
     ------
-    ValueError
+    InputError
         If the folder has something in it.
     """
     folder = Path(folder)
@@ -43,14 +44,13 @@ def write_folder(problems: Iterable[Problem], folder: str | Path) -> int:
         raise InputError(f"{folder}: found files in it; expected a new or empty folder")
     listed = []
     for i, problem in enumerate(problems):
-        parts = {"A0": problem.A0, "A1": problem.A1, "b": problem.b[:, None]}
-        if len(problem.y):
-            parts |= {"y": problem.y[:, None], "x": problem.x[:, None]}
-        for name, values in parts.items():
-            mmwrite(folder / f"{i}-{name}.mtx", values, precision=_DIGITS, symmetry="general",
+        parts = {name: getattr(problem, name) for name in PARTS}
+        files = {f"{i}-{name}.mtx": (name, values) for name, values in parts.items() if len(values)}
+        for file, (name, values) in files.items():
+            mmwrite(folder / file, values.reshape(len(values), -1), precision=_DIGITS, symmetry="general",
                     comment=f"{name} of problem {i}: {problem.kind}, {problem.scene}")
         listed.append({"number": i, "n": len(problem.b), "class": problem.kind, "scene": problem.scene, "t": problem.t,
-                       "outcome": problem.outcome, "lcp": problem.lcp, "files": [f"{i}-{name}.mtx" for name in parts]})
+                       "outcome": problem.outcome, "lcp": problem.lcp, "files": list(files)})
     index = json.dumps({"format": FORMAT, "fields": FIELDS, "problems": listed}, indent=1)
     (folder / INDEX).write_text(index + "\n", encoding="utf-8")
     return len(listed)
@@ -70,16 +70,13 @@ def read_folder(folder: str | Path) -> Iterator[Problem]:
         if index["format"] != FORMAT:
             raise InputError(f"format: found {index['format']!r}; expected {FORMAT!r}")
         for entry in index["problems"]:
-            n, i = entry["n"], entry["number"]
-            parts = {name: np.zeros(0) for name in ("y", "x")}
-            for name in ("A0", "A1", "b", "y", "x"):
-                file = f"{i}-{name}.mtx"
-                if name not in parts or file in entry["files"]:
-                    parts[name] = np.asarray(mmread(folder / file), dtype=float)
-            shapes = parts["A0"].shape, parts["A1"].shape, parts["b"].shape
+            n, solved = entry["n"], len(entry["files"]) == len(PARTS)
+            parts = {name: np.asarray(mmread(folder / f"{entry['number']}-{name}.mtx"), dtype=float)
+                     for name in PARTS[:5 if solved else 3]}
+            shapes = tuple(parts[name].shape for name in PARTS[:3])
             if shapes != ((n, n), (n, n), (n, 1)):
-                raise InputError(f"problem {i}: found shapes {shapes}; expected n = {n}")
-            b, y, x = (parts[name].ravel() for name in ("b", "y", "x"))
+                raise InputError(f"problem {entry['number']}: found shapes {shapes}; expected n = {n}")
+            b, y, x = (parts.get(name, np.zeros(0)).ravel() for name in PARTS[2:])
             yield Problem(entry["class"], entry["scene"], entry["t"], parts["A0"], parts["A1"], b, y, x,
                           entry["outcome"], entry["lcp"])
     except (OSError, KeyError, TypeError, ValueError) as error:

@@ -36,6 +36,7 @@ SOLVED, UNSOLVABLE = "solved", "no solution"
 STORED = "hard-problems-3.parquet"
 """The set that comes with the suite, made by ``tests/collect_problems.py``; a changed set gets the next number, so that
 results name their set."""
+COLUMNS = ["class", "scene", "t", "n", "A0", "A1", "b", "y", "x", "outcome", "lcp"]
 AT_REST = 1e-9
 """Slip speed, relative to the largest speed of the run, up to which a guide belongs to the stick set."""
 PER_RUN = 12
@@ -89,18 +90,18 @@ def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, 
 
 
 def problems_met(kind: str, scene: Scene, run: Trajectory | Run, everywhere: bool = False) -> list[Problem]:
-    """The problems at the start, before the first events and at the end of a run of the reference.
+    """Problems at the start, before the first events and at the end of a run of the reference.
 
     With `everywhere` those at each row and on both sides of each event.
     """
     states = list(_states(scene, run, everywhere))
     speed = max((float(np.max(np.abs(v))) for _, _, v in states), default=0.0)
-    found = [problem_at(kind, scene, t, q, v, AT_REST * speed) for t, q, v in states]
+    found = (problem_at(kind, scene, t, q, v, AT_REST * speed) for t, q, v in states)
     return [problem for problem in found if problem is not None]
 
 
 def _states(scene: Scene, run: Trajectory | Run, everywhere: bool) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-    """Times and states (q, v) of a run, in order; the start of the scene where the run has none."""
+    """Yield times and states (q, v) of a run, in order; the start of the scene where the run has none."""
     from stiction.reference_impl.multibody.mechanism import Mechanism
 
     if not len(run.t):
@@ -123,10 +124,10 @@ def write_problems(problems: Iterable[Problem], path: str | Path) -> int:
     import pandas as pd
 
     unique = {(p.scene, p.A0.tobytes(), p.A1.tobytes(), p.b.tobytes()): p for p in problems}
-    rows = [{"class": p.kind, "scene": p.scene, "t": p.t, "n": len(p.b), "A0": p.A0.ravel(), "A1": p.A1.ravel(),
-             "b": p.b, "y": p.y, "x": p.x, "outcome": p.outcome, "lcp": p.lcp} for p in unique.values()]
+    rows = [(p.kind, p.scene, p.t, len(p.b), p.A0.ravel(), p.A1.ravel(), p.b, p.y, p.x, p.outcome, p.lcp)
+            for p in unique.values()]
     with whole_file(path) as partial:
-        pd.DataFrame(rows).to_parquet(partial, index=False, compression="zstd")
+        pd.DataFrame(rows, columns=COLUMNS).to_parquet(partial, index=False, compression="zstd")
     return len(rows)
 
 
@@ -146,14 +147,12 @@ def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
 
         yield from read_folder(path)
         return
-    columns = ["class", "scene", "t", "n", "A0", "A1", "b", "y", "x", "outcome", "lcp"]
     where = resources.files("stiction.comparisons") / "data" / STORED if path is None else Path(path)
     try:
-        rows = pd.read_parquet(where, columns=columns)
+        rows = pd.read_parquet(where, columns=COLUMNS)
     except (OSError, pa.ArrowException) as error:
         found = f"{type(error).__name__}: {str(error).splitlines()[0]}"
         raise InputError(f"{where}: found {found}; expected a set of problems, a Parquet file with the columns "
-                         f"{', '.join(columns)}") from None
-    for row in rows.itertuples(index=False, name=None):
-        kind, scene, t, n, A0, A1, b, y, x, outcome, lcp = row
-        yield Problem(kind, scene, t, A0.reshape(n, n), A1.reshape(n, n), b, y, x, outcome, lcp)
+                         f"{', '.join(COLUMNS)}") from None
+    for kind, scene, t, n, A0, A1, *rest in rows.itertuples(index=False, name=None):
+        yield Problem(kind, scene, t, A0.reshape(n, n), A1.reshape(n, n), *rest)

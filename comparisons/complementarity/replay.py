@@ -1,4 +1,4 @@
-"""Any solver over a stored set of complementarity problems: the unit of comparison for changes of a solver.
+"""Solvers over a stored set of complementarity problems: the unit of comparison for changes of a solver.
 
 A solver is a function of ``(M, q)`` that returns ``(w, z)`` with w = M z + q, w, z >= 0, w^T z = 0, or of ``(A0, A1,
 b)`` that returns ``(y, x)`` (`stiction.comparisons.complementarity.problems`); None where it finds none.
@@ -10,8 +10,8 @@ import inspect
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -40,19 +40,16 @@ def lemke(M: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def load_solver(address: str) -> Solver:
-    """The function at ``"module:function"``.
+    """Import the function at ``"module:function"``.
 
     Raises
     ------
     InputError
         If there is none, or it takes neither two nor three arguments.
     """
-    module, _, name = address.partition(":")
-    if not module or not name or module.startswith("."):
-        raise InputError(f"solver: found {address!r}; expected module:function")
     try:
-        function = getattr(import_module(module), name)
-    except (ImportError, AttributeError) as error:
+        function = resolve_name(address)
+    except (ImportError, AttributeError, ValueError) as error:
         raise InputError(f"solver: found {address!r} ({error}); expected module:function") from error
     if not callable(function):
         raise InputError(f"solver: found {address!r}; expected module:function")
@@ -71,13 +68,13 @@ def arity(solver: Solver) -> int:
 
 @dataclass(frozen=True)
 class Answer:
-    """Answer of a solver to one problem: one of `OUTCOMES`, its residual, seconds, words."""
+    """Answer of a solver to one problem: one of `OUTCOMES`, its residual, seconds, the error that it raised."""
 
     kind: str
     outcome: str
-    residual: float
-    seconds: float
-    words: str = ""
+    residual: float = np.nan
+    seconds: float = np.nan
+    reason: str = ""
 
 
 def answer(solver: Solver, problem: Problem) -> Answer:
@@ -85,23 +82,22 @@ def answer(solver: Solver, problem: Problem) -> Answer:
     arguments: tuple[np.ndarray, ...] = (problem.A0, problem.A1, problem.b)
     if arity(solver) == 2:
         if not problem.lcp:
-            return Answer(problem.kind, "not an LCP", float("nan"), float("nan"))
+            return Answer(problem.kind, "not an LCP")
         right = np.linalg.solve(problem.A0, np.column_stack([problem.A1, problem.b]))
         arguments = np.ascontiguousarray(right[:, :-1]), np.ascontiguousarray(right[:, -1])
     arguments = tuple(np.array(value) for value in arguments)  # the solver may write into them
-    started = time.perf_counter()
+    found, reason, started = None, "", time.perf_counter()
     try:
         found = solver(*arguments)
     except Exception as error:
-        words = f"{type(error).__name__}: {error}"
-        return Answer(problem.kind, "raised", float("nan"), time.perf_counter() - started, words)
+        reason = f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - started
     if found is None:
-        outcome = "none found" if problem.outcome == SOLVED else "rightly none"
-        return Answer(problem.kind, outcome, float("nan"), seconds)
+        outcome = "raised" if reason else "none found" if problem.outcome == SOLVED else "rightly none"
+        return Answer(problem.kind, outcome, seconds=seconds, reason=reason)
     y, x = (np.asarray(part, dtype=float) for part in found)
-    complete = y.shape == x.shape == problem.b.shape and np.all(np.isfinite(y)) and np.all(np.isfinite(x))
-    error = residual(problem.A0, problem.A1, problem.b, y, x) if complete else float("inf")
+    complete = y.shape == x.shape == problem.b.shape and np.all(np.isfinite([y, x]))
+    error = residual(problem.A0, problem.A1, problem.b, y, x) if complete else np.inf
     return Answer(problem.kind, "solved" if error <= ACCURATE else "wrong", error, seconds)
 
 
@@ -115,7 +111,7 @@ def _answers(address: str, path: str | None, kind: str) -> list[Answer]:
 def replay(solver: str = LEMKE, problems: str | Path | None = None, *, timeout_s: float = 60.0,
            workers: int | None = None, on_start: Callable[[int], None] | None = None,
            on_result: Callable[[Outcome], None] | None = None) -> pd.DataFrame:
-    """Run a solver over a set, every class in a child process of its own.
+    """Run a solver over a set, each class in a child process.
 
     Parameters
     ----------
@@ -127,7 +123,7 @@ def replay(solver: str = LEMKE, problems: str | Path | None = None, *, timeout_s
     Returns
     -------
     DataFrame
-        One row per class: problems, numbers by outcome, largest residual of those solved, median time, words of a
+        One row per class: problems, numbers by outcome, largest residual of those solved, median time, reason of a
         failure.
     """
     path = None if problems is None else str(problems)
@@ -142,11 +138,10 @@ def replay(solver: str = LEMKE, problems: str | Path | None = None, *, timeout_s
 
 def _row(kind: str, outcome: Outcome) -> dict[str, Any]:
     answers: Sequence[Answer] = outcome.value or ()
-    solved = [a.residual for a in answers if a.outcome == "solved"]
-    timed = [a.seconds for a in answers if a.outcome != "not an LCP"]
-    words = [a.words for a in answers if a.words]
-    counts = {name: sum(a.outcome == name for a in answers) for name in OUTCOMES}
-    return {"class": kind, "problems": len(answers), **counts,
-            "residual, largest": max(solved, default=float("nan")),
-            "time, median [us]": 1e6 * float(np.median(timed)) if timed else float("nan"),
-            "reason": outcome.reason if outcome.status != "ok" else words[0] if words else ""}
+    timed = [each.seconds for each in answers if each.outcome != "not an LCP"]
+    reasons = [each.reason for each in answers if each.reason]
+    return {"class": kind, "problems": len(answers),
+            **{name: sum(each.outcome == name for each in answers) for name in OUTCOMES},
+            "residual, largest": max((each.residual for each in answers if each.outcome == "solved"), default=np.nan),
+            "time, median [us]": 1e6 * float(np.median(timed)) if timed else np.nan,
+            "reason": outcome.reason if outcome.status != "ok" else next(iter(reasons), "")}

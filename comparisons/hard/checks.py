@@ -1,16 +1,27 @@
-"""Measures of hard cases: closed forms, invariances and independent solutions, as errors relative to a size."""
+"""Measures of hard cases: closed forms, invariances and independent solutions, as errors relative to a size.
+
+A check takes a case, its scenes and their runs, and returns errors by the name of the measure. Keys of ``cases.toml``:
+
+===============  ===========================================================================================
+``rests``        bodies that stay where they are
+``follows``      formula by column, see `closed_forms.value`; ``let``: definitions in it
+``truth``        the truth ``of`` a mechanism: ``columns`` (``slider.x``), ``events`` (true), ``time_at_rest`` (false)
+``same_motion``  the run in other units is the first one
+``checks``       names of the checks of single cases below
+===============  ===========================================================================================
+"""
 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
 
-from stiction.comparisons.hard.case import Check
+from stiction.comparisons import truth as truths
+from stiction.comparisons.hard.case import HardCase
 from stiction.comparisons.hard.closed_forms import rod_normal_force, value
-from stiction.comparisons.hard.other_units import Units
 from stiction.comparisons.measures.distances import match_events
 from stiction.comparisons.random_scenes.one_freedom import Motion, simulate
 from stiction.comparisons.truth import Truth
@@ -18,8 +29,18 @@ from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import steady_state
 from stiction.scenes import Event, Scene, Trajectory
 
+Scenes = Sequence[Scene]
+Runs = Sequence[Trajectory]
 FIRST_STEPS = 10
 """Steps in which contacts build up their forces; as many steps' error of a method of first order is right."""
+STATE = ("x", "y", "angle", "vx", "vy", "omega")
+
+
+def measures(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
+    """Return all errors that a case asks for."""
+    keyed = {"rests": at_rest, "follows": follows, "truth": follows_truth, "same_motion": same_motion}
+    checks = [check for key, check in keyed.items() if getattr(case, key)] + [NAMED[name] for name in case.checks]
+    return {name: error for check in checks for name, error in check(case, scenes, runs).items()}
 
 
 def gap(found: np.ndarray | float, expected: np.ndarray | float, size: float | None = None) -> float:
@@ -29,16 +50,21 @@ def gap(found: np.ndarray | float, expected: np.ndarray | float, size: float | N
     return worst / size if np.isfinite(worst) else np.inf
 
 
-def follows(formulas: Mapping[str, str], definitions: Mapping[str, str] | None = None) -> Check:
-    """Compare columns of the first run with `closed_forms.value`, forces of contacts once they are `carried`."""
-    def check(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
-        [run, *_], found = runs, {}
-        for name, formula in formulas.items():
-            expected = value(formula, scenes[0], run.t, definitions)
-            seen = carried(run, name)
-            found[name] = gap(run[name][seen], expected[seen], float(np.max(np.abs(expected))))
-        return found
-    return check
+def at_rest(case: HardCase, _: Scenes, runs: Runs) -> dict[str, float]:
+    """Measure by how much (m, rad) bodies of the first run leave their places."""
+    return {f"creep of {body}": max(gap(column, column[0], 1.0)
+                                    for column in (runs[0][f"{body}.{key}"] for key in STATE[:3]))
+            for body in case.rests}
+
+
+def follows(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
+    """Compare columns of the first run with formulas, forces of contacts once they are `carried`."""
+    [run, *_], found = runs, {}
+    for name, formula in case.follows.items():
+        expected = value(formula, scenes[0], run.t, case.let)
+        seen = carried(run, name)
+        found[name] = gap(run[name][seen], expected[seen], float(np.max(np.abs(expected))))
+    return found
 
 
 def carried(run: Trajectory, column: str) -> np.ndarray:
@@ -51,50 +77,40 @@ def carried(run: Trajectory, column: str) -> np.ndarray:
     return run.t >= (FIRST_STEPS * run.settings.get("dt", 0.0) if waits else 0.0)
 
 
-def follows_truth(truth: Callable[[Scene, float], Truth], columns: Sequence[str], events: bool) -> Check:
-    """Compare columns of the first run with a truth, by their range, forces of contacts once they are `carried`.
-
-    With `events` also those of a method that locates them.
-    """
-    def check(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
-        [run, *_] = runs
-        true = _known(truth, scenes[0], float(run.t[-1]))
-        expected = true(np.minimum(run.t, true.t_end))
-        found = {}
-        for name in columns:
-            seen = carried(run, name)
-            found[name] = gap(run[name][seen], expected[name][seen], float(np.ptp(expected[name])) or None)
-        if run.events and events:
-            window = 0.01 * true.t_end
-            kinds = {event.kind for event in run.events} | {"slip", "stick", "reversal"}  # not all locate corners
-            matched = match_events([event for event in true.events if event.kind in kinds], run.events, window)
-            found["events missed or invented"] = float(len(matched.missed) + len(matched.spurious))
-        return found
-    return check
+def follows_truth(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
+    """Compare columns of the first run with a truth, by their range; of a method that locates events, those as well."""
+    [run, *_], wanted = runs, {"columns": ["slider.x"], "events": True, "time_at_rest": False, **case.truth}
+    t_end = float(run.t[-1])
+    true: Truth = _known(getattr(truths, f"{wanted['of']}_truth"), scenes[0], t_end)
+    expected = true(np.minimum(run.t, true.t_end))
+    found = {}
+    for name in wanted["columns"]:
+        seen = carried(run, name)
+        found[name] = gap(run[name][seen], expected[name][seen], float(np.ptp(expected[name])) or None)
+    if run.events and wanted["events"]:
+        kinds = {event.kind for event in run.events} | {"slip", "stick", "reversal"}  # not all locate corners
+        found |= _other_events([event for event in true.events if event.kind in kinds], run.events, true.t_end)
+    if run.events and wanted["time_at_rest"]:
+        found["time at rest"] = abs(time_at_rest(run.events) - time_at_rest(true.events)) / t_end
+    return found
 
 
-def rests_as(truth: Callable[[Scene, float], Truth]) -> Check:
-    """Compare the time at rest of a run that locates events with a truth's, by the length of the run."""
-    def check(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
-        [run, *_], t_end = runs, float(runs[0].t[-1])
-        if not run.events:
-            return {}
-        expected = _known(truth, scenes[0], t_end).events
-        return {"time at rest": abs(_rest(run.events) - _rest(expected)) / t_end}
-    return check
+def _other_events(expected: Sequence[Event], found: Sequence[Event], t_end: float) -> dict[str, float]:
+    matched = match_events(expected, found, 0.01 * t_end)
+    return {"events missed or invented": float(len(matched.missed) + len(matched.spurious))}
 
 
-def _known(truth: Callable[[Scene, float], Truth], scene: Scene, t_end: float) -> Truth:
-    """Truth of a scene, kept: all variants of a case follow each other, and it often takes longer than their runs."""
-    return _found(truth, pickle.dumps(scene), t_end)
+def _known(solve: Callable[[Scene, float], object], scene: Scene, t_end: float) -> object:
+    """Solve a scene once: all variants of a case follow each other, and it often takes longer than their runs."""
+    return _found(solve, pickle.dumps(scene), t_end)
 
 
 @lru_cache(maxsize=4)
-def _found(truth: Callable[[Scene, float], Truth], scene: bytes, t_end: float) -> Truth:
-    return truth(pickle.loads(scene), t_end)
+def _found(solve: Callable[[Scene, float], object], scene: bytes, t_end: float) -> object:
+    return solve(pickle.loads(scene), t_end)
 
 
-def _rest(events: Sequence[Event]) -> float:
+def time_at_rest(events: Iterable[Event]) -> float:
     """Seconds between each stick and the next slip."""
     total, since = 0.0, None
     for event in events:
@@ -105,69 +121,17 @@ def _rest(events: Sequence[Event]) -> float:
     return total
 
 
-def accepted_start(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
-    """Measure a run from an inconsistent start: the residual it began with, and how far it moved the start silently."""
-    [scene, *_], [run, *_] = scenes, runs
-    moved = [abs(run[f"{name}.{column}"][0] - value) for name, body in scene.bodies.items()
-             for column, value in zip(("x", "y", "angle", "vx", "vy", "omega"),
-                                      (*body.position, body.angle, *body.velocity, body.angular_velocity))]
-    return {"start accepted off its constraints": float(max(run["drift.position"][0], run["drift.velocity"][0])),
-            "start moved without a word": float(max(moved))}
-
-
-def settled(run: Trajectory, column: str) -> np.ndarray:
-    """A force in the second half of a run: before that, methods with clearance or compliance may build it up."""
-    return run[column][run.t >= run.t[-1] / 2]
-
-
-def comes_to_rest(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
-    """Compare the rest of a mechanism of one freedom with its independent motion: place, no slip, balance of forces.
-
-    How guides share the load is not determined, the virtual power of their frictions is.
-    """
-    [scene, *_], [run, *_] = scenes, runs
-    motion: Motion = _known(simulate, scene, float(run.t[-1]))
-    m, slips = motion.equations, [run[f"{name}.slip_velocity"] for name in motion.equations.guides]
-    terms = m.terms(motion.q, 0.0, np.ones(len(m.guides)))
-    frictions = [run[f"{name}.friction"][-1] for name in m.guides]
-    power = shared(np.array([terms.p @ frictions]))
-    place = [run[f"{name}.{key}"][-1] for name in scene.bodies for key in ("x", "y", "angle")]
-    found = {"place of rest": gap(np.array(place), motion.q),
-             "virtual power of friction": gap(power, -terms.p0) if power.size else 0.0,
-             "slip at rest": max(gap(slip[-1], 0.0, float(np.max(np.abs(slip)))) for slip in slips)}
-    if run.events:
-        located = [event for event in run.events if event.kind != "corner"]
-        matched = match_events(motion.events, located, 0.01 * run.t[-1])
-        found["events missed or invented"] = float(len(matched.missed) + len(matched.spurious))
-    return found
-
-
-def shared(force: np.ndarray) -> np.ndarray:
-    """Sum of forces that guides at rest share, at the instants at which an engine states it: elsewhere it is nan."""
-    return force[~np.isnan(force)]
-
-
-def at_rest(bodies: Sequence[str]) -> Check:
-    """Measure by how much (m, rad) the bodies of the first run leave their places."""
-    def check(_: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
-        return {f"creep of {body}": max(gap(runs[0][f"{body}.{key}"], runs[0][f"{body}.{key}"][0], 1.0)
-                                        for key in ("x", "y", "angle")) for body in bodies}
-    return check
-
-
-def same_motion(units: Units) -> Check:
+def same_motion(case: HardCase, _: Scenes, runs: Runs) -> dict[str, float]:
     """Compare the second run, of the scene in other units, with the first: the same numbers in those units."""
-    def check(_: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
-        one, other = runs
-        n = min(len(one.t), len(other.t))
-        size = float(np.ptp(one["slider.x"]))
-        found = {"motion in other units": gap(other["slider.x"][:n] / units.length, one["slider.x"][:n], size)}
-        if one.events or other.events:
-            same = [event.kind for event in one.events] == [event.kind for event in other.events]
-            times, expected = (np.array([event.time for event in run.events]) for run in (other, one))
-            found["events in other units"] = gap(times / units.time, expected, one.t[-1]) if same else np.inf
-        return found
-    return check
+    (one, other), units = runs, case.units
+    n = min(len(one.t), len(other.t))
+    size = float(np.ptp(one["slider.x"]))
+    found = {"motion in other units": gap(other["slider.x"][:n] / units.length, one["slider.x"][:n], size)}
+    if one.events or other.events:
+        same = [event.kind for event in one.events] == [event.kind for event in other.events]
+        times, expected = (np.array([event.time for event in run.events]) for run in (other, one))
+        found["events in other units"] = gap(times / units.time, expected, one.t[-1]) if same else np.inf
+    return found
 
 
 def friction_excess(scene: Scene, columns: Mapping[str, np.ndarray]) -> float:
@@ -192,27 +156,62 @@ def friction_excess(scene: Scene, columns: Mapping[str, np.ndarray]) -> float:
     return worst / size
 
 
-def rod_force_at_start(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+def settled(run: Trajectory, column: str) -> np.ndarray:
+    """A force in the second half of a run: before that, methods with clearance or compliance may build it up."""
+    return run[column][run.t >= run.t[-1] / 2]
+
+
+def shared(force: np.ndarray) -> np.ndarray:
+    """Sum of forces that guides at rest share, at the instants at which an engine states it: elsewhere it is nan."""
+    return force[~np.isnan(force)]
+
+
+def accepted_start(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
+    """Measure a run from an inconsistent start: the residual it began with, and how far it moved the start silently."""
+    [scene, *_], [run, *_] = scenes, runs
+    moved = [abs(run[f"{name}.{column}"][0] - declared) for name, body in scene.bodies.items()
+             for column, declared in zip(STATE, (*body.position, body.angle, *body.velocity, body.angular_velocity))]
+    return {"start accepted off its constraints": float(max(run["drift.position"][0], run["drift.velocity"][0])),
+            "start moved silently": float(max(moved))}
+
+
+def comes_to_rest(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
+    """Compare the rest of a mechanism of one freedom with its independent motion: place, no slip, balance of forces.
+
+    How guides share the load is not determined, the virtual power of their frictions is.
+    """
+    [scene, *_], [run, *_] = scenes, runs
+    motion: Motion = _known(simulate, scene, float(run.t[-1]))
+    m, slips = motion.equations, [run[f"{name}.slip_velocity"] for name in motion.equations.guides]
+    terms = m.terms(motion.q, 0.0, np.ones(len(m.guides)))
+    power = shared(np.array([terms.p @ [run[f"{name}.friction"][-1] for name in m.guides]]))
+    place = [run[f"{name}.{key}"][-1] for name in scene.bodies for key in STATE[:3]]
+    found = {"place of rest": gap(np.array(place), motion.q),
+             "virtual power of friction": gap(power, -terms.p0) if power.size else 0.0,
+             "slip at rest": max(gap(slip[-1], 0.0, float(np.max(np.abs(slip)))) for slip in slips)}
+    if run.events:
+        located = [event for event in run.events if event.kind != "corner"]
+        found |= _other_events(motion.events, located, run.t[-1])
+    return found
+
+
+def rod_force_at_start(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Compare the normal force at t = 0 with the one that the balances of `sliding-rod` have."""
     expected = rod_normal_force(scenes[0])
     found = float(runs[0]["guide.normal_force"][0])
     return {"normal force at t = 0": min(gap(found, one) for one in expected) if expected else abs(found)}
 
 
-def periodic(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+def periodic(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Compare with the slider-bar's steady motion: state at the end, change over the last period, drift, events."""
-    [scene, *_], [run, *_] = scenes, runs
-    bar = SliderBar.from_scene(scene)
-    period, steady = bar.period(), steady_state(bar)
-    x, v = steady.state
+    run, bar = runs[0], SliderBar.from_scene(scenes[0])
+    period, (x, v) = bar.period(), steady_state(bar).state
     size = float(np.ptp(run["slider.x"]))
     whole = int(np.floor(run.t[-1] / period * (1 + 1e-12))) * period
-
-    def at(t: float) -> int:
-        return int(np.argmin(np.abs(run.t - t)))
-    found = {"position after the last period": gap(run["slider.x"][at(whole)], x, size),
-             "velocity after the last period": gap(run["slider.vx"][at(whole)], v, size * 2 * np.pi / period),
-             "change over the last period": gap(run["slider.x"][at(whole)], run["slider.x"][at(whole - period)], size),
+    last, before = (int(np.argmin(np.abs(run.t - t))) for t in (whole, whole - period))
+    found = {"position after the last period": gap(run["slider.x"][last], x, size),
+             "velocity after the last period": gap(run["slider.vx"][last], v, size * 2 * np.pi / period),
+             "change over the last period": gap(run["slider.x"][last], run["slider.x"][before], size),
              "drift": float(run["drift.position"][-1]) / bar.L}
     if run.events:
         times = np.array([event.time for event in run.events])
@@ -221,7 +220,7 @@ def periodic(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, f
     return found
 
 
-def sums_of_three_guides(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+def sums_of_three_guides(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Compare the sums of the forces of `three-guides-at-rest` with the weight, in any order and units."""
     incline, found = np.deg2rad(15), {}
     for scene, run in zip(scenes, runs):
@@ -233,7 +232,7 @@ def sums_of_three_guides(scenes: Sequence[Scene], runs: Sequence[Trajectory]) ->
     return found
 
 
-def normal_force_of_two_guides(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+def normal_force_of_two_guides(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Compare the normal forces of `two-guides-sliding` with the weight across the incline, and with each other."""
     total = 9.81 * np.cos(scenes[0].parameters["incline"])
     each = [settled(runs[0], f"guide-{i}.normal_force") for i in (1, 2)]
@@ -243,7 +242,7 @@ def normal_force_of_two_guides(scenes: Sequence[Scene], runs: Sequence[Trajector
     return found
 
 
-def virtual_power_of_friction(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+def virtual_power_of_friction(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Compare the virtual power of the frictions of `trammel-at-rest` with that of torque and weight.
 
     The guides' directions are +x and +y; slider x moves with -L sin p, slider y with L cos p.
@@ -255,7 +254,7 @@ def virtual_power_of_friction(scenes: Sequence[Scene], runs: Sequence[Trajectory
     return {"virtual power of friction": gap(power, p["T"] + weight, weight)} if len(power) else {}
 
 
-def friction_balances_the_pull(scenes: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+def friction_balances_the_pull(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Compare the friction of `wedged-slider` with its load until that breaks it away."""
     p, run = scenes[0].parameters, runs[0]
     start = p["mus"] * 2 * p["T"] / p["a"] / p["rate"]
@@ -263,12 +262,11 @@ def friction_balances_the_pull(scenes: Sequence[Scene], runs: Sequence[Trajector
     return {"friction before it breaks away": gap(run["guide.friction"][held], -p["rate"] * run.t[held])}
 
 
-def drift_accepted(_: Sequence[Scene], runs: Sequence[Trajectory]) -> dict[str, float]:
+def drift_accepted(_: HardCase, __: Scenes, runs: Runs) -> dict[str, float]:
     """Residual of the constraints at the end of a run that there should not be."""
     return {"drift accepted": float(runs[0]["drift.position"][-1])}
 
 
-NAMED: Mapping[str, Check] = {check.__name__: check for check in (
+NAMED = {check.__name__: check for check in (
     accepted_start, comes_to_rest, drift_accepted, friction_balances_the_pull, normal_force_of_two_guides, periodic,
     rod_force_at_start, sums_of_three_guides, virtual_power_of_friction)}
-"""Checks of single cases, by the names that ``cases.toml`` has for them."""

@@ -1,4 +1,4 @@
-"""Closed forms of hard cases: formulas of the catalogue, and what takes more than a formula."""
+"""Closed forms of hard cases: formulas of the catalogue, and functions for what takes more than a formula."""
 
 from __future__ import annotations
 
@@ -14,34 +14,27 @@ from stiction.scenes import InputError, Scene
 
 def value(formula: str, scene: Scene, t: np.ndarray | float = 0.0,
           definitions: Mapping[str, str] | None = None) -> np.ndarray:
-    """Value of a formula of ``cases.toml``.
+    """Evaluate a formula of ``cases.toml`` at times t (s); `definitions` are formulas by their names in later ones.
 
-    Parameters
-    ----------
-    formula
-        Python's arithmetic with ``^`` for powers, as in scene files. Names are `t`, `scene`, its parameters and
-        `FUNCTIONS`.
-    t
-        Times, s.
-    definitions
-        Formulas by the name that they have in later ones.
+    It is Python's arithmetic with ``^`` for powers, as in scene files, of `t`, `scene`, its parameters and `FUNCTIONS`.
     """
-    names = {**scene.parameters, "scene": scene, "t": t}
-    for name, definition in (definitions or {}).items():
-        names[name] = _evaluated(definition, names)
-    return _evaluated(formula, names)
-
-
-def _evaluated(formula: str, names: Mapping[str, object]) -> np.ndarray:
-    return eval(formula.replace("^", "**"), {"__builtins__": {}, **FUNCTIONS}, names)  # formulas come with the suite
+    names = {**FUNCTIONS, **scene.parameters, "scene": scene, "t": t}
+    for name, definition in {**(definitions or {}), "": formula}.items():  # they come with the suite
+        names[name] = eval(definition.replace("^", "**"), {"__builtins__": {}}, names)
+    return names[""]
 
 
 def lifted_position(scene: Scene, t: np.ndarray) -> np.ndarray:
     """x of `weightless-instants`: v' = (P - mu |m g - A sin W t|)/m, integrated between zeros of the normal force."""
     p = scene.parameters
     m, g, A, W, P, mu = (p[key] for key in ("m", "g", "A", "W", "P", "mu"))
-    first = lambda s: m * g * s + A / W * np.cos(W * s)
-    second = lambda s: m * g * s ** 2 / 2 + A / W ** 2 * np.sin(W * s)
+
+    def first(s):  # integral of the normal force, and the one of that
+        return m * g * s + A / W * np.cos(W * s)
+
+    def second(s):
+        return m * g * s ** 2 / 2 + A / W ** 2 * np.sin(W * s)
+
     root = np.arcsin(m * g / A)
     zeros = np.sort(np.concatenate([(np.array([root, np.pi - root]) + 2 * np.pi * k) / W
                                     for k in range(int(scene.t_end * W / (2 * np.pi)) + 1)]))

@@ -9,10 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stiction.comparisons.complementarity.problems import Problem, problems_met
+from stiction.comparisons.hard import checks
 from stiction.comparisons.hard.case import (CONDITIONS, MOTION_OR_WORD, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase,
-                                            Limits)
-from stiction.comparisons.hard.checks import friction_excess
-from stiction.comparisons.hard.hard_catalogue import hard_cases
+                                            Limits, hard_cases)
 from stiction.comparisons.variants import Variant, has_static_coefficient
 from stiction.engines.isolation import Outcome
 from stiction.engines.protocol import UNSETTLED, BadTrajectory, Declined, EngineFailure, Refused
@@ -29,7 +28,7 @@ was not asked. Impulsive: goes on by impulses where no motion with finite forces
 reader: the file, for all methods alike. Not expressible: the adapter cannot build the scene. Failed: a crash, a hang,
 an unforeseen exception."""
 READER, ADAPTER, METHOD = "reader", "adapter", "method"
-"""Who refused an input."""
+"""Origins of a refusal of the input."""
 WITHOUT_RESULT = {"refused": INEXPRESSIBLE, "missing": NOT_INSTALLED, NOT_RUN: NOT_RUN, "failed": FAILED}
 """Verdict by the status of a child that returned nothing."""
 STOP = {"rtol": 1e-8, "dt": 2e-2}
@@ -53,21 +52,14 @@ class Examination:
     ----------
     measures : Mapping[str, float]
         Relative errors by name.
-    stopped : str
-        Why a run ended early; empty if none did.
-    stop_kind : str
-        The kind of the `stiction.scenes.Breakdown`.
-    stop_time : float
-        When, s.
-    refused : str
-        Why the input was refused; empty if it was not.
-    by : str
-        `READER`, `ADAPTER` or `METHOD`: who refused it; empty if none did.
+    stopped, stop_kind, stop_time : str, str, float
+        Why a run ended early (empty if none did), the kind of the `stiction.scenes.Breakdown`, and when, s.
+    refused, by : str
+        Why the input was refused, and who refused it: `READER`, `ADAPTER` or `METHOD`; empty if none did.
     not_run : str
         Why this table does not spend the time; empty if it does.
     no_motion : str
         Why what the engine returned is no motion of the mechanism; empty if it is.
-    version : str
     cpu_s, engine_s : float
         Of stepping, all runs together; of that inside the engine's own calls.
     problems : tuple of Problem
@@ -107,61 +99,46 @@ def examine(name: str, variant: Variant) -> Examination:
         Of the engine.
     """
     case = next(case for case in hard_cases() if case.name == name)
-    runs: list[Trajectory] = []
+    engine = load_engine(variant.engine)
     by = READER
     try:
         scenes = case.scenes(has_static_coefficient(variant))
         by = METHOD if variant.engine in OWN_METHODS else ADAPTER
+        steps = scenes[0].t_end / case.dt
+        if variant.parameter == "dt" and steps > case.most_steps * 1.001:
+            return Examination(not_run=f"{steps:.3g} steps of {case.dt:g} s are more than this table spends on a case "
+                                       f"({case.most_steps})")
+        runs: list[Trajectory] = []
         for scene in scenes:
-            dt = case.dt * scene.t_end / scenes[0].t_end  # in the units of a scaled scene
-            if variant.parameter == "dt" and scene.t_end / dt > case.most_steps * 1.001:
-                steps = f"{scene.t_end / dt:.3g} steps of {dt:g} s"
-                return Examination(not_run=f"{steps} are more than this table spends on a case ({case.most_steps})")
-            run = _run(case, scene, dt, variant)
-            runs.append(run)
-            if run.termination != "end":
-                return Examination(
-                    _beyond(case, scene, run), stopped=run.termination,
-                    stop_kind=run.breakdown.kind if run.breakdown else "",
-                    stop_time=run.breakdown.time if run.breakdown else float(run.t[-1]),
-                    version=run.version, cpu_s=run.cost.stepping_s, engine_s=run.cost.own_s,
-                    problems=_problems(case, variant, scene, run))
+            runs.append(_run(case, scene, case.dt * scene.t_end / scenes[0].t_end, variant))
+            if runs[-1].termination != "end":
+                break
     except SceneError as error:
-        words = "; ".join(line.strip() for line in str(error).splitlines()[1:]) or str(error)
-        return Examination(refused=words, by=by, version=load_engine(variant.engine).version)
+        reason = "; ".join(line.strip() for line in str(error).splitlines()[1:]) or str(error)
+        return Examination(refused=reason, by=by, version=engine.version)
     except Declined as error:
-        return Examination(refused=str(error), by=ADAPTER, version=load_engine(variant.engine).version)
+        return Examination(refused=str(error), by=ADAPTER, version=engine.version)
     except BadTrajectory as error:
-        return Examination(no_motion=str(error), version=load_engine(variant.engine).version)
+        return Examination(no_motion=str(error), version=engine.version)
     except EngineFailure as error:
-        return Examination(stopped=str(error), version=load_engine(variant.engine).version)
-    measures = (case.check(scenes, runs) if case.check else {}) | _beyond(case, scenes[0], runs[0])
-    if variant.engine == "reference" and scenes[0].frictional_guides:
-        measures |= _conditions(scenes[0], runs[0])
-    return Examination(measures, version=runs[0].version, cpu_s=sum(run.cost.stepping_s for run in runs),
+        return Examination(stopped=str(error), version=engine.version)
+    if runs[-1].termination == "end":
+        scene, run, ended = scenes[0], runs[0], {}
+        measures = checks.measures(case, scenes, runs) | _beyond(case, scene, run)
+        if variant.engine == "reference" and scene.frictional_guides:
+            measures |= _conditions(scene, run)
+    else:
+        scene, run = scenes[len(runs) - 1], runs[-1]
+        kind, time = (run.breakdown.kind, run.breakdown.time) if run.breakdown else ("", float(run.t[-1]))
+        measures, ended = _beyond(case, scene, run), {"stopped": run.termination, "stop_kind": kind, "stop_time": time}
+    event_driven = variant.engine == "reference" and variant.parameter == "rtol"
+    return Examination(measures, **ended, version=run.version, cpu_s=sum(run.cost.stepping_s for run in runs),
                        engine_s=sum(run.cost.own_s for run in runs),
-                       problems=_problems(case, variant, scenes[0], runs[0]))
-
-
-def _beyond(case: HardCase, scene: Scene, run: Trajectory) -> dict[str, float]:
-    """`BEYOND`, where a run has instants there and states which guides stick in them."""
-    needed = {f"{name}.{column}" for name in scene.frictional_guides for column in ("mode", "friction")}
-    if case.expected != NO_MOTION or not needed <= run.columns.keys():
-        return {}
-    time, kind = case.stop(scene)
-    later = run.t > time
-    if kind != SEVERAL or not later.any():
-        return {}
-    return {BEYOND: friction_excess(scene, {name: np.asarray(column)[later] for name, column in run.columns.items()})}
-
-
-def _problems(case: HardCase, variant: Variant, scene: Scene, run: Trajectory) -> tuple[Problem, ...]:
-    if variant.engine != "reference" or variant.parameter != "rtol":
-        return ()
-    return tuple(problems_met(case.topic, scene, run))
+                       problems=tuple(problems_met(case.topic, scene, run)) if event_driven else ())
 
 
 def _run(case: HardCase, scene: Scene, dt: float, variant: Variant) -> Trajectory:
+    """Run a scene with its step or tolerance; `dt` is in the units of a scaled scene."""
     guides = scene.frictional_guides.values()
     if not has_static_coefficient(variant) and any(guide.static_coefficient > guide.mu for guide in guides):
         raise Refused("has no static coefficient; the case is about mus > mu")
@@ -173,6 +150,19 @@ def _run(case: HardCase, scene: Scene, dt: float, variant: Variant) -> Trajector
     return engine.simulate(scene, fidelity=variant.fidelity, output_step=output, **step, **settings)
 
 
+def _beyond(case: HardCase, scene: Scene, run: Trajectory) -> dict[str, float]:
+    """`BEYOND`, where a run has instants there and states which guides stick in them."""
+    needed = {f"{name}.{column}" for name in scene.frictional_guides for column in ("mode", "friction")}
+    if case.expected != NO_MOTION or not needed <= run.columns.keys():
+        return {}
+    time, kind = case.stop_of(scene)
+    later = run.t > time
+    if kind != SEVERAL or not later.any():
+        return {}
+    columns = {name: np.asarray(column)[later] for name, column in run.columns.items()}
+    return {BEYOND: checks.friction_excess(scene, columns)}
+
+
 def _conditions(scene: Scene, run: Trajectory) -> dict[str, float]:
     """Complementarity of accepted states, re-solved, and Coulomb's law on their forces."""
     from stiction.reference_impl.integration.coulomb_audit import audit
@@ -180,7 +170,7 @@ def _conditions(scene: Scene, run: Trajectory) -> dict[str, float]:
 
     method = run.settings["stabilization"]["method"]
     found = audit(run, Mechanism(scene, method), AUDITED)
-    return {COMPLEMENTARITY: found.complementarity, COULOMB: friction_excess(scene, run.columns),
+    return {COMPLEMENTARITY: found.complementarity, COULOMB: checks.friction_excess(scene, run.columns),
             "acceleration against the HLCP": found.acceleration,
             "instants that the HLCP does not accept": float(found.unsolved)}
 
@@ -211,7 +201,7 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
     if case.expected == REFUSAL:
         name, size = max(found.measures.items(), key=lambda item: item[1], default=("accepted", 1.0))
         return Verdict(WRONG, name, size, 0.0)
-    return _judge_motion(found.measures, case.limits[variant.parameter])
+    return _judge_motion(found.measures, case.limits(variant.parameter))
 
 
 def _judge_motion(measures: Mapping[str, float], limits: Limits) -> Verdict:
@@ -231,7 +221,7 @@ def _judge_motion(measures: Mapping[str, float], limits: Limits) -> Verdict:
 def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict:
     """Judge a run of a scene whose motion ends, or is one of several from some time on."""
     time, kind = case.stops_at
-    limit, law = STOP[variant.parameter] * 1000 * case.dt, case.limits[variant.parameter].right
+    limit, law = STOP[variant.parameter] * 1000 * case.dt, case.limits(variant.parameter).right
     follows = kind == SEVERAL and found.measures.get(BEYOND, math.inf) <= law
     if not found.stopped:
         if follows:

@@ -12,9 +12,8 @@ from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import variants
 from stiction.comparisons.complementarity.problems import Problem
 from stiction.comparisons.depth import Depth
-from stiction.comparisons.hard.case import HardCase
-from stiction.comparisons.hard.examination import Verdict, examine, judge
-from stiction.comparisons.hard.hard_catalogue import hard_cases
+from stiction.comparisons.hard.case import HardCase, hard_cases
+from stiction.comparisons.hard.examination import examine, judge
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines.isolation import Outcome, Task
 
@@ -41,7 +40,7 @@ class HardComparison:
 
 
 def hard_comparison(*, depth: Depth = Depth.FULL, engines: Iterable[str] | None = None) -> Comparison[HardComparison]:
-    """Every case through every variant: what must be true, the verdict, what it is about, its size and the limit.
+    """Examine every case with every variant: what must be true, the verdict, its reason, its size and the limit.
 
     Parameters
     ----------
@@ -62,8 +61,7 @@ def hard_comparison(*, depth: Depth = Depth.FULL, engines: Iterable[str] | None 
 
 
 def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
-    verdict: Verdict = judge(case, variant, outcome)
-    value = outcome.value
+    verdict, value = judge(case, variant, outcome), outcome.value
     step = case.dt if variant.parameter == "dt" else variant.ladder[-1]
     return {"topic": case.topic, "case": case.name, "scene": case.scene, "must": case.must, "variant": variant.label,
             "engine": variant.engine, "version": value.version if value else None, "fidelity": variant.fidelity,

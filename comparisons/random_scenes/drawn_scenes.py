@@ -22,69 +22,46 @@ SHOWN = 20
 
 @dataclass(frozen=True)
 class Verdict:
-    """Outcome of a scene, or of one way to look at it.
-
-    Attributes
-    ----------
-    outcome : str
-        One of the study's.
-    detail : str
-        What differs, or who stops when and why.
-    error : float
-        Of `Study.measure`; nan without a comparison.
-    about : str
-        The scene in words, enough to draw it again.
-    """
+    """Outcome of a scene, or of one run of it: one of the study's."""
 
     outcome: str
     detail: str = ""
+    """What differs, or who stops when and why"""
     error: float = np.nan
+    """Of `Study.measure`; nan without a comparison"""
     about: str = ""
+    """The scene in words, enough to draw it again"""
 
 
 @dataclass(frozen=True)
 class Study:
-    """A way to judge random scenes.
-
-    Attributes
-    ----------
-    module : str
-    judge : callable
-        ``judge(seed, i, rtols)``: for each tolerance the verdicts on scene i of a seed; a function of a module, so that
-        processes find it.
-    outcomes : Mapping[str, str]
-        Their meanings, best first.
-    failing : tuple of str
-        Outcomes that no scene may have.
-    measure : str
-        Name and unit of `Verdict.error`.
-    rtols : tuple of float
-    t_end : float
-        Longest motion, s.
-    """
+    """Way to judge random scenes."""
 
     module: str
     judge: Callable[[int, int, Sequence[float]], Sequence[Sequence[Verdict]]]
+    """``judge(seed, i, rtols)``: for each tolerance the verdicts on scene i of a seed; a module's, for child processes"""
     outcomes: Mapping[str, str]
+    """Their meanings, best first"""
     failing: tuple[str, ...]
+    """Outcomes that no scene may have"""
     measure: str
+    """Name and unit of `Verdict.error`"""
     rtols: tuple[float, ...]
     t_end: float
+    """Longest motion, s"""
 
     def again(self, seed: int, i: int) -> str:
         """Command that judges scene i of a seed."""
         return f"python -m {self.module} --seed {seed} --first {i} --count 1"
 
     def table(self, verdicts: Iterable[Verdict]) -> pd.DataFrame:
-        """Table of the number of verdicts by outcome, their share, and the largest error."""
-        verdicts = list(verdicts)
-        rows = []
-        for outcome in self.outcomes:
-            errors = [verdict.error for verdict in verdicts if verdict.outcome == outcome]
-            largest = max((error for error in errors if np.isfinite(error)), default=np.nan)
-            rows.append({"outcome": outcome, "number": len(errors), "share": len(errors) / max(len(verdicts), 1),
-                         f"largest {self.measure}": largest})
-        return pd.DataFrame(rows)
+        """Table of the number of verdicts by outcome, their share, and the largest finite error."""
+        found = pd.DataFrame(verdicts, columns=["outcome", "detail", "error", "about"])
+        errors = found["error"].replace(np.inf, np.nan).groupby(found["outcome"])
+        table = pd.DataFrame({"number": errors.size(), f"largest {self.measure}": errors.max()}, index=list(self.outcomes))
+        table["number"] = table["number"].fillna(0).astype(int)
+        table.insert(1, "share", table["number"] / max(len(found), 1))
+        return table.rename_axis("outcome").reset_index()
 
     def judged(self, seed: int, scenes: Iterable[int], rtols: Sequence[float],
                processes: int = 1) -> Iterator[Sequence[Sequence[Verdict]]]:

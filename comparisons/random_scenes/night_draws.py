@@ -79,10 +79,10 @@ def sentences_on_draws(rows: Sequence[Row]) -> str:
             for row in drawn:
                 counts.update({metric.name.removesuffix(" [-]"): int(metric.value) for metric in row.metrics})
             numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in study.outcomes if counts[outcome])
-            lost = sum(row.settings["count"] for row in drawn if not row.metrics)
+            missing = sum(row.settings["count"] for row in drawn if not row.metrics)
             scenes, rtols = sum(row.settings["count"] for row in drawn), ", ".join(f"{rtol:g}" for rtol in study.rtols)
             said.append(
                 f"Seed {drawn[0].settings['seed']}, {scenes} {what} of at most {study.t_end:g} s at rtol {rtols}, "
                 f"against the independent solution: {numbers or 'none'}"
-                + (f"; {lost} {what} did not come out." if lost else "."))
+                + (f"; {missing} {what} without a result." if missing else "."))
     return " ".join(said)

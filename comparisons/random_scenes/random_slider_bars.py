@@ -1,4 +1,4 @@
-"""Random slider-bars: the reference's event-driven runs against the independent solution, scene by scene.
+"""Random slider-bars: event-driven runs of the reference against the truth, scene by scene.
 
     python -m stiction.comparisons.random_scenes.random_slider_bars --count 20000 --seed 1 --rtol 1e-9
 

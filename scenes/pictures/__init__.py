@@ -1,1 +1,1 @@
-"""What scenes and trajectories look like: the mechanism, its motion, its quantities over time. Needs scenes and matplotlib only."""
+"""Pictures of scenes and trajectories: the mechanism, its motion, its quantities over time. Needs matplotlib only."""

@@ -15,7 +15,8 @@ from stiction.scenes.model import Scene
 from stiction.scenes.pictures.geometry import poses_at, view_of
 from stiction.scenes.pictures.mechanism import canvas, draw_mechanism
 from stiction.scenes.pictures.picture import rc
-from stiction.scenes.pictures.web import LONG, Columns, asset, data, document, film_controls, force_columns, load_signs, mechanism, pose_columns
+from stiction.scenes.pictures.web import (LONG, Columns, asset, data, document, film_controls, force_columns,
+                                          load_signs, mechanism, pose_columns)
 from stiction.scenes.trajectory import Trajectory
 
 ENDINGS = (".gif", ".mp4", ".html")
@@ -26,7 +27,7 @@ FILM_DPI = 80
 
 
 def check_animation(file: Path) -> None:
-    """Whether a film of this name can be written here.
+    """Check that a film of this name can be written here.
 
     Raises
     ------
@@ -36,11 +37,12 @@ def check_animation(file: Path) -> None:
     if file.suffix.lower() not in ENDINGS:
         raise InputError(f"found {str(file)!r}; expected a name that ends in {', '.join(ENDINGS)}")
     if file.suffix.lower() == ".mp4" and not FFMpegWriter.isAvailable():
-        raise InputError(f"found {str(file)!r}, which takes the program ffmpeg, which is not installed; expected a name that ends in .gif or .html")
+        raise InputError(f"found {str(file)!r}, which takes the program ffmpeg, which is not installed; "
+                         "expected a name that ends in .gif or .html")
 
 
 def animate(scene: Scene, trajectory: Trajectory, file: Path, kind: str | None = None) -> int:
-    """Write the film; a page (.html) has a time slider, arrows on the keyboard, every output time, and needs no network.
+    """Write the film: frames, or a page (.html) with a time slider and every output time that needs no network.
 
     Parameters
     ----------
@@ -54,7 +56,7 @@ def animate(scene: Scene, trajectory: Trajectory, file: Path, kind: str | None =
 
     Raises
     ------
-    ValueError
+    InputError
         As `check_animation`.
     """
     ending = kind or file.suffix.lower()
@@ -65,49 +67,51 @@ def animate(scene: Scene, trajectory: Trajectory, file: Path, kind: str | None =
     span = float(trajectory.t[-1] - trajectory.t[0])
     wanted = np.linspace(trajectory.t[0], trajectory.t[-1], int(np.clip(FRAMES_PER_SECOND * span, FEWEST, MOST)))
     rows = np.unique(np.searchsorted(trajectory.t, wanted))
-    view = view_of(scene, [poses_at(scene, trajectory, row) for row in rows])
-    corners = {name: [trajectory[f"{name}.F{i}"] for i in (1, 2, 3, 4)] for name, guide in scene.guides.items() if guide.length is not None}
-    largest = largest_force(scene, trajectory)
-    with rc():
-        picture, ax = canvas(scene, view)
-        picture.set_dpi(FILM_DPI)
-
-        def frame(row: int) -> None:
-            ax.clear()
-            draw_mechanism(ax, scene, poses_at(scene, trajectory, row), view, float(trajectory.t[row]),
-                           {name: [float(force[row]) for force in forces] for name, forces in corners.items()}, largest)
-            ax.set_title(f"{trajectory.scene}, {trajectory.engine}: t = {trajectory.t[row]:.3f} s"
-                         + (f"; corner forces: longest arrow {largest:.3g} N" if corners else ""), fontsize=8, parse_math=False)
-            if row == rows[0]:
-                picture.draw_without_rendering()
-                picture.set_layout_engine(None)  # the axes stay where they are
-
-        film = (PillowWriter if ending == ".gif" else FFMpegWriter)(fps=FRAMES_PER_SECOND)
-        with TemporaryDirectory(prefix="stiction-") as folder:  # the writers go by the ending of the name
-            made = Path(folder) / f"film{ending}"
-            with film.saving(picture, made, FILM_DPI):
-                for row in rows:
-                    frame(row)
-                    film.grab_frame()
-            shutil.copyfile(made, file)
+    with TemporaryDirectory(prefix="stiction-") as folder:  # the writers go by the ending of the name
+        made = Path(folder) / f"film{ending}"
+        _write_frames(scene, trajectory, rows, made)
+        shutil.copyfile(made, file)
     return len(rows)
 
 
+def _write_frames(scene: Scene, trajectory: Trajectory, rows: np.ndarray, file: Path) -> None:
+    """Draw rows of a trajectory one after the other."""
+    view = view_of(scene, [poses_at(scene, trajectory, row) for row in rows])
+    corners, largest = force_columns(scene), largest_force(scene, trajectory)
+    scale = f"; corner forces: longest arrow {largest:.3g} N" if corners else ""
+    film = (PillowWriter if file.suffix == ".gif" else FFMpegWriter)(fps=FRAMES_PER_SECOND)
+    with rc():
+        picture, ax = canvas(scene, view)
+        picture.set_dpi(FILM_DPI)
+        with film.saving(picture, file, FILM_DPI):
+            for row in rows:
+                ax.clear()
+                draw_mechanism(ax, scene, poses_at(scene, trajectory, row), view, float(trajectory.t[row]),
+                               {name: float(trajectory[name][row]) for name in corners}, largest)
+                title = f"{trajectory.scene}, {trajectory.engine}: t = {trajectory.t[row]:.3f} s{scale}"
+                ax.set_title(title, fontsize=8, parse_math=False)
+                if row == rows[0]:
+                    picture.draw_without_rendering()
+                    picture.set_layout_engine(None)  # the axes stay where they are
+                film.grab_frame()
+
+
 def film_page(scene: Scene, trajectory: Trajectory) -> str:
-    """A page with the mechanism, drawn by the browser at the time that its slider shows."""
+    """Make a page with the mechanism, drawn by the browser at the time that its slider shows."""
     rows = np.unique(np.linspace(0, len(trajectory.t) - 1, MOST).astype(int))
     view = view_of(scene, [poses_at(scene, trajectory, row) for row in rows])
     frame, block = trajectory.to_frame(events=True), Columns()
-    t = frame["t"].to_numpy()
-    places = {name: block.add(frame[name]) for name in (*pose_columns(scene), *force_columns(scene))} | {name: block.add(signs) for name, signs in load_signs(scene, t).items()}
-    name = f"{trajectory.engine} {trajectory.version}"
-    content = {"mechanism": mechanism(scene, view), "name": name, "t": block.add(t, LONG), "columns": places, "largest": largest_force(scene, trajectory),
-               "block": block.packed()}
+    t, name = frame["t"].to_numpy(), f"{trajectory.engine} {trajectory.version}"
+    columns = {column: frame[column] for column in (*pose_columns(scene), *force_columns(scene))} | load_signs(scene, t)
+    content = {"mechanism": mechanism(scene, view), "name": name,
+               "columns": {column: block.add(values) for column, values in columns.items()}, "t": block.add(t, LONG),
+               "largest": largest_force(scene, trajectory), "block": block.packed()}
     title = f"{trajectory.scene}: {name}, {trajectory.fidelity}"
-    return document(title, f"<h1>{escape(title)}</h1>\n{film_controls()}\n{data('film-data', content)}", [asset("player.css")],
-                    [asset(name) for name in ("data.js", "player.js", "film.js")])
+    body = f"<h1>{escape(title)}</h1>\n{film_controls()}\n{data('film-data', content)}"
+    scripts = [asset(name) for name in ("data.js", "player.js", "film.js")]
+    return document(title, body, [asset("player.css")], scripts)
 
 
 def largest_force(scene: Scene, trajectory: Trajectory) -> float:
-    """Of the forces on corners over the whole motion, N; 1 where there are none."""
+    """Largest force on a corner over the whole motion, N; 1 where there are none."""
     return max((float(np.nanmax(trajectory[name])) for name in force_columns(scene)), default=1.0) or 1.0

@@ -15,9 +15,10 @@ from stiction.scenes.trajectory import Trajectory
 MOST_LINES = 8
 """In one panel; the legend says how many there are."""
 _DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
-_PANELS = ((r"\.displacement", "displacement [m]"), (r"\.slip_velocity", "slip velocity [m/s]"), (r"\.F[1-4]", "corner forces [N]"),
-           (r"\.friction", "friction [N]"), (r"\.effort", "driving effort"))
-_WITHOUT_GUIDES = ((r"\.[xy]", "position [m]"), (r"\.angle", "angle [rad]"), (r"\.effort", "driving effort"), (r"\.f[xy]", "pin forces [N]"))
+_PANELS = {r"\.displacement": "displacement [m]", r"\.slip_velocity": "slip velocity [m/s]",
+           r"\.F[1-4]": "corner forces [N]", r"\.friction": "friction [N]", r"\.effort": "driving effort"}
+_WITHOUT_GUIDES = {r"\.[xy]": "position [m]", r"\.angle": "angle [rad]", r"\.effort": "driving effort",
+                   r"\.f[xy]": "pin forces [N]"}
 
 
 def evolution(trajectory: Trajectory, columns: Sequence[str] = ()) -> Picture:
@@ -37,8 +38,8 @@ def evolution(trajectory: Trajectory, columns: Sequence[str] = ()) -> Picture:
         axes = picture.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for ax, (names, label) in zip(axes, panels):
             for number, name in enumerate(names[:MOST_LINES]):
-                ax.plot(frame["t"].to_numpy(), frame[name].to_numpy(), color=CYCLE[number], linestyle=_DASHES[number % len(_DASHES)], linewidth=1.0,
-                        label=name)
+                ax.plot(frame["t"].to_numpy(), frame[name].to_numpy(), color=CYCLE[number], linewidth=1.0, label=name,
+                        linestyle=_DASHES[number % len(_DASHES)])
             for start, end in _stick(frame):
                 ax.axvspan(start, end, color=COLORS["shade"], linewidth=0, zorder=0)
             ax.set_ylabel(label)
@@ -47,20 +48,24 @@ def evolution(trajectory: Trajectory, columns: Sequence[str] = ()) -> Picture:
                 more = f"{MOST_LINES} of {len(names)}" if len(names) > MOST_LINES else None
                 ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title=more)
         axes[-1].set_xlabel("$t$ [s]" + (", shaded: stick" if _stick(frame) else ""))
-        axes[0].set_title(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}", fontsize=8, parse_math=False)
+        axes[0].set_title(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}",
+                          fontsize=8, parse_math=False)
     return picture
 
 
 def _usual(trajectory: Trajectory) -> list[tuple[list[str], str]]:
     guides = any(name.endswith(".displacement") for name in trajectory.columns)
-    found = [([name for name in trajectory.columns if re.search(rf"{pattern}$", name)], label) for pattern, label in
-             (_PANELS if guides else _WITHOUT_GUIDES)]
-    of_efforts = ", ".join(dict.fromkeys(unit_of(name, trajectory.mechanism) for name in trajectory.columns if name.endswith(".effort")))
-    return [(names, f"{label} [{of_efforts}]" if label == "driving effort" else label) for names, label in found if names]
+    efforts = [name for name in trajectory.columns if name.endswith(".effort")]
+    units = dict.fromkeys(unit_of(name, trajectory.mechanism) for name in efforts)
+    panels = []
+    for pattern, label in (_PANELS if guides else _WITHOUT_GUIDES).items():
+        if names := [name for name in trajectory.columns if re.search(rf"{pattern}$", name)]:
+            panels.append((names, f"{label} [{', '.join(units)}]" if label == "driving effort" else label))
+    return panels
 
 
 def _stick(frame: pd.DataFrame) -> list[tuple[float, float]]:
-    """Begin and end of each stick phase of a mechanism with one frictional guide, s; none where several would have to share the shade."""
+    """Begin and end of each stick phase, s, with one frictional guide; none where several would share the shade."""
     modes = [name for name in frame if name.endswith(".mode")]
     if len(modes) != 1:
         return []

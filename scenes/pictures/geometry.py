@@ -1,4 +1,4 @@
-"""Where the parts of a mechanism are in the plane, for drawing it."""
+"""Places of the parts of a mechanism in the plane, for drawing it; points are rows of arrays, m."""
 
 from __future__ import annotations
 
@@ -25,69 +25,83 @@ UNIFORM = 1e-6
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a body is: its centre of mass, m, and its angle, rad."""
+    """Position of a body: its centre of mass, m, and its angle, rad."""
 
     x: float
     y: float
     angle: float
 
-    def place(self, point: Sequence[float]) -> np.ndarray:
-        """A point in the axes of the body, in ground axes; shape (2,)."""
-        return np.array([self.x, self.y]) + self.turn(point)
+    def place(self, points: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Points in the axes of the body, in ground axes; shape (2,) or (n, 2)."""
+        return np.array([self.x, self.y]) + self.turn(points)
 
-    def turn(self, vector: Sequence[float]) -> np.ndarray:
-        """A vector in the axes of the body, in ground axes; shape (2,)."""
+    def turn(self, vectors: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Vectors in the axes of the body, in ground axes; shape (2,) or (n, 2)."""
+        x, y = np.asarray(vectors, dtype=float).T
         c, s = math.cos(self.angle), math.sin(self.angle)
-        return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
+        return np.array([c * x - s * y, s * x + c * y]).T
 
 
 Poses = Mapping[str, Pose]
+_STANDING = {GROUND: Pose(0.0, 0.0, 0.0)}
 
 
 def poses_at_start(scene: Scene) -> Poses:
-    """By name of the body, the ground among them, at t = 0."""
-    return {GROUND: Pose(0.0, 0.0, 0.0)} | {name: Pose(*body.position, body.angle) for name, body in scene.bodies.items()}
+    """Pose of each body and of the ground, by name, at t = 0."""
+    return _STANDING | {name: Pose(*body.position, body.angle) for name, body in scene.bodies.items()}
 
 
 def poses_at(scene: Scene, trajectory: Trajectory | Mapping[str, np.ndarray], row: int) -> Poses:
-    """By name of the body, the ground among them, at a row of a trajectory or of its columns."""
-    return {GROUND: Pose(0.0, 0.0, 0.0)} | {
-        name: Pose(*(float(trajectory[f"{name}.{key}"][row]) for key in ("x", "y", "angle"))) for name in scene.bodies}
+    """Pose of each body and of the ground, by name, at a row of a trajectory or of its columns."""
+    return _STANDING | {name: Pose(*(float(trajectory[f"{name}.{key}"][row]) for key in ("x", "y", "angle")))
+                        for name in scene.bodies}
 
 
-def guide_frame(guide: Translational, poses: Poses) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Point of a guide's line, unit vector along it, normal (that turned by +90 degrees), in ground axes; each of shape (2,)."""
-    pose = poses[guide.guide]
-    along = pose.turn(guide.direction)
-    along = along / np.hypot(*along)
-    return pose.place(guide.point), along, np.array([-along[1], along[0]])
+def unit_vector(direction: Sequence[float]) -> np.ndarray:
+    """Unit vector in a direction; shape (2,)."""
+    return np.array(direction) / np.hypot(*direction)
+
+
+def axes_along(direction: Sequence[float]) -> np.ndarray:
+    """Rows: the unit vector in a direction and its normal, turned by +90 degrees.
+
+    ``points @ axes_along(d)`` are points given along a direction and across it, ``axes_along(d) @ point`` is the
+    reverse.
+    """
+    along = unit_vector(direction)
+    return np.array([along, [-along[1], along[0]]])
+
+
+def box(size: Sequence[float]) -> np.ndarray:
+    """Corners 1 lower rear, 2 lower front, 3 upper front, 4 upper rear, along a guide and across it; shape (4, 2)."""
+    return np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size / 2
 
 
 def displacement(guide: Translational, poses: Poses) -> float:
-    """Of the slider along its guide, m."""
-    point, along, _ = guide_frame(guide, poses)
-    return float((poses[guide.slider].place(guide.slider_point) - point) @ along)
+    """Displacement of the slider along its guide, m."""
+    pose = poses[guide.guide]
+    way = poses[guide.slider].place(guide.slider_point) - pose.place(guide.point)
+    return float(way @ unit_vector(pose.turn(guide.direction)))
 
 
 def corners(guide: Translational, poses: Poses, size: tuple[float, float]) -> np.ndarray:
-    """The slider's corners 1 lower rear, 2 lower front, 3 upper front, 4 upper rear, shape (4, 2), for a length and width."""
-    _, along, normal = guide_frame(guide, poses)
-    centre, (a, b) = poses[guide.slider].place(guide.slider_point), size
-    return np.array([centre + p * a / 2 * along + q * b / 2 * normal for p, q in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    """Corners of a slider of a length and width, in ground axes, numbered as by `box`; shape (4, 2)."""
+    axes = axes_along(poses[guide.guide].turn(guide.direction))
+    return poses[guide.slider].place(guide.slider_point) + box(size) @ axes
 
 
-def spring_ends(bodies: Sequence[str], points: Sequence[Sequence[float]], axis: Sequence[float] | None, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
-    """The two points, in ground axes, between which a spring or drive acts; along its axis, if it has one."""
+def link_ends(bodies: Sequence[str], points: Sequence[Sequence[float]], axis: Sequence[float] | None,
+              poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points, in ground axes, between which a spring or drive acts; along its axis, if it has one."""
     first, second = (poses[body].place(point) for body, point in zip(bodies, points))
     if axis is None:
         return first, second
-    along = poses[bodies[1]].turn(axis)
-    along = along / np.hypot(*along)
+    along = unit_vector(poses[bodies[1]].turn(axis))
     return second + (first - second) @ along * along, second
 
 
 def attachments(scene: Scene) -> dict[str, list[np.ndarray]]:
-    """By body the points, in its own axes, at which something acts on it; each of shape (2,)."""
+    """Return by body the points, in its own axes, at which something acts on it; each of shape (2,)."""
     points: dict[str, list[np.ndarray]] = {name: [] for name in (GROUND, *scene.bodies)}
     pairs = [joint for joint in scene.joints.values() if isinstance(joint, Revolute)]
     pairs += [drive for drive in scene.drives.values() if drive.type == "distance"]
@@ -108,7 +122,7 @@ def attachments(scene: Scene) -> dict[str, list[np.ndarray]]:
 
 @dataclass(frozen=True)
 class View:
-    """What is shown: limits of the axes, m; size of symbols, m; how far each guide reaches along its direction, m."""
+    """Limits of the axes, m; size of symbols, m; how far each guide reaches along its direction, m."""
 
     x: tuple[float, float]
     y: tuple[float, float]
@@ -122,44 +136,41 @@ class View:
 
 
 def view_of(scene: Scene, instants: Iterable[Poses]) -> View:
-    """A view that all the instants fit into."""
+    """Make a view that all the instants fit into."""
     instants = list(instants)
     held = attachments(scene)
-    points = np.array([pose.place(point) for poses in instants for name, pose in poses.items()
-                       for point in (held[name] if name == GROUND else [(0.0, 0.0), *held[name]])])
-    boxes = [corners(guide, poses, (guide.length or 0.0, guide.width or 0.0)) for guide in scene.guides.values() for poses in instants]
-    points = np.concatenate([points, *boxes])
-    low, high = points.min(axis=0), points.max(axis=0)
-    unit = UNIT * (max(high - low) or 1.0)
+    shown = [pose.place(point) for poses in instants for name, pose in poses.items()
+             for point in (held[name] if name == GROUND else [(0.0, 0.0), *held[name]])]
+    shown += [corner for guide in scene.guides.values() for poses in instants
+              for corner in corners(guide, poses, (guide.length or 0.0, guide.width or 0.0))]
+    unit = UNIT * (float(np.max(np.ptp(shown, axis=0))) or 1.0)
     reach = {}
     for name, guide in scene.guides.items():
         along = [displacement(guide, poses) for poses in instants]
         beyond = 1.2 * (guide.length or 3 * unit)
         reach[name] = min(along) - beyond, max(along) + beyond
-        frames = [guide_frame(guide, poses) for poses in instants]
-        ends = [point + s * direction + side * (guide.width or 0.0) / 2 * normal
-                for point, direction, normal in frames for s in reach[name] for side in (-1, 1)]
-        low, high = np.minimum(low, np.min(ends, axis=0)), np.maximum(high, np.max(ends, axis=0))
-    low, high, tips = low - ROOM * unit, high + ROOM * unit, [*_arrow_tips(scene, instants, unit)]
-    if tips:
-        low, high = np.minimum(low, np.min(tips, axis=0) - unit), np.maximum(high, np.max(tips, axis=0) + unit)
+        ends = [(s, side * (guide.width or 0.0) / 2) for s in reach[name] for side in (-1, 1)]
+        for pose in (poses[guide.guide] for poses in instants):
+            shown += [*(pose.place(guide.point) + ends @ axes_along(pose.turn(guide.direction)))]
+    tips = [*_arrow_tips(scene, instants, unit)]
+    low = np.min([np.min(shown, axis=0) - ROOM * unit, *(tip - unit for tip in tips)], axis=0)
+    high = np.max([np.max(shown, axis=0) + ROOM * unit, *(tip + unit for tip in tips)], axis=0)
     return View((float(low[0]), float(high[0])), (float(low[1]), float(high[1])), unit, reach)
 
 
 def _arrow_tips(scene: Scene, instants: Sequence[Poses], unit: float) -> Iterator[np.ndarray]:
-    """Ends of the arrows of loads and drives that may stand out and, in a film, of the forces on corners; each of shape (2,)."""
+    """Yield tips of the arrows of loads and drives, in a film those of corner forces as well; each of shape (2,)."""
     for poses in instants:
         for load in scene.forces.values():
             if isinstance(load, Force):
-                arrow, value = LOAD_ARROW * unit * np.array(load.direction) / np.hypot(*load.direction), load.law
-                for sign in (-1 if value.value < 0 else 1,) if isinstance(value, Constant) else (-1, 1):
-                    yield poses[load.body].place(load.point) + sign * arrow
+                signs = (-1 if load.law.value < 0 else 1,) if isinstance(load.law, Constant) else (-1, 1)
+                for sign in signs:
+                    yield poses[load.body].place(load.point) + sign * LOAD_ARROW * unit * unit_vector(load.direction)
         for drive in scene.drives.values():
             if drive.axis is not None:
-                first, second = spring_ends(drive.bodies, drive.points, drive.axis, poses)
+                first, second = link_ends(drive.bodies, drive.points, drive.axis, poses)
                 if np.hypot(*(first - second)) < unit:
-                    axis = poses[drive.bodies[1]].turn(drive.axis)
-                    yield second + AXIS_ARROW * unit * axis / np.hypot(*axis)
+                    yield second + AXIS_ARROW * unit * unit_vector(poses[drive.bodies[1]].turn(drive.axis))
         for guide in scene.guides.values():
             if guide.length is not None and len(instants) > 1:
                 yield from corners(guide, poses, (guide.length, (guide.width or 0.0) + 2 * LONGEST_ARROW * unit))

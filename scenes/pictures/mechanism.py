@@ -1,8 +1,8 @@
-"""The drawing of a mechanism with matplotlib: bodies, pins, guides with the corners of their sliders numbered as in the paper, drives, springs, loads."""
+"""The drawing of a mechanism with matplotlib: bodies, pins, guides, drives, springs, loads."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from textwrap import wrap
 
 import numpy as np
@@ -19,33 +19,30 @@ from stiction.scenes.pictures.picture import COLORS, WIDTH, Picture, rc
 
 LINE, LEADING = 115, 0.13
 """Characters of 7 pt across a picture, and inches from line to line."""
-_HEADS = {"end": "-|>", "both": "<|-|>"}
+HEADS = {"end": "-|>", "both": "<|-|>"}
 
 
-def drawing(scene: Scene, heading: bool = True) -> Picture:
-    """The mechanism at t = 0; above it, if there is to be a heading, the scene's title and parameters.
+def drawing(scene: Scene, heading: bool = True, poses: Poses | None = None, t: float = 0.0) -> Picture:
+    """Draw the mechanism at its start, or with some `poses` at a time t (s).
 
-    Corners of a slider are numbered as in the paper, after the forces on them: 1 lower rear, 2 lower front, 3 upper front, 4 upper rear;
-    front is where the guide's direction points to, up is that turned by +90 degrees.
+    A heading has the scene's title and parameters. Corners of a slider are numbered as in the paper, after the forces
+    on them: 1 lower rear, 2 lower front, 3 upper front, 4 upper rear; front is where the guide's direction points to,
+    up is that turned by +90 degrees.
     """
-    poses = poses_at_start(scene)
+    poses = poses or poses_at_start(scene)
     view = view_of(scene, [poses])
     with rc():
         picture, ax = canvas(scene, view)
-        draw_mechanism(ax, scene, poses, view)
+        draw_mechanism(ax, scene, poses, view, t)
         if heading:
-            lines = [line for text in (scene.title or scene.name, parameters_in_words(scene)) for line in wrap(text, LINE)]
+            lines = wrap(scene.title or scene.name, LINE) + wrap(parameters_in_words(scene), LINE)
             picture.set_figheight(picture.get_figheight() + LEADING * len(lines))
             picture.suptitle("\n".join(lines), fontsize=7, x=0.02, ha="left", parse_math=False)
-        fit(picture, ax)
+        # as low as axes of equal scales leave it
+        picture.draw_without_rendering()
+        blank = ax.get_position(original=True).height - ax.get_position().height
+        picture.set_figheight(picture.get_figheight() * (1 - blank))
     return picture
-
-
-def fit(picture: Picture, ax: Axes) -> None:
-    """Make a picture as low as its axes of equal scales leave it."""
-    picture.draw_without_rendering()
-    blank = ax.get_position(original=True).height - ax.get_position().height
-    picture.set_figheight(picture.get_figheight() * (1 - blank))
 
 
 def parameters_in_words(scene: Scene) -> str:
@@ -54,7 +51,7 @@ def parameters_in_words(scene: Scene) -> str:
 
 
 def canvas(scene: Scene, view: View) -> tuple[Picture, Axes]:
-    """An empty picture of the right shape, with a legend of what the scene has."""
+    """Make an empty picture of the right shape, with a legend of what the scene has."""
     shape = (view.y[1] - view.y[0]) / (view.x[1] - view.x[0])
     picture = Picture(min(max(WIDTH * shape, 0.3 * WIDTH), 0.9 * WIDTH) + 0.6)
     handles = _legend(scene)
@@ -64,29 +61,25 @@ def canvas(scene: Scene, view: View) -> tuple[Picture, Axes]:
 
 
 def draw_mechanism(ax: Axes, scene: Scene, poses: Poses, view: View, t: float = 0.0,
-                   corner_forces: Mapping[str, Sequence[float]] | None = None, largest: float = 1.0) -> None:
-    """Draw it into axes.
+                   corner_forces: Mapping[str, float] | None = None, largest: float = 1.0) -> None:
+    """Draw the mechanism into axes.
 
     Parameters
     ----------
-    poses
-        Of all bodies, as of `geometry.poses_at`.
     t
         Seconds: loads point to where they push then; one that is zero then, to where it pushes if positive.
     corner_forces
-        By guide its F1 .. F4, N, drawn as arrows on the slider.
+        By column, N, drawn as arrows on the sliders.
     largest
-        Of the corner forces of the whole motion, N: the longest arrow.
+        Largest corner force of the whole motion, N: the longest arrow.
     """
     ax.set(xlim=view.x, ylim=view.y, aspect="equal", xlabel="$x$ [m]", ylabel="$y$ [m]")
     signs = {name: -1 if evaluate_law(load.law, t)[0] < 0 else 1 for name, load in scene.forces.items()}
     for layer, part in enumerate(parts(scene, view), 1):
         if isinstance(part, Label):
-            name = part.text in scene.bodies
-            ax.text(*part.place(poses), part.text, fontsize=7, fontstyle="italic" if name else "normal", ha="left" if name else "center", va="center", zorder=layer,
-                    path_effects=[withStroke(linewidth=2, foreground=COLORS["paper"])] if name else None)
+            _write(ax, part.place(poses), part.text, part.text in scene.bodies, layer)
         elif isinstance(part, CornerForce):
-            force = (corner_forces or {}).get(part.guide, (0.0,) * 4)[part.number - 1]
+            force = (corner_forces or {}).get(part.column, 0.0)
             if length := force * LONGEST_ARROW * view.unit / largest:
                 _stroke(ax, part.place(poses, length), LOOKS["corner force"], layer)
         elif isinstance(part, Link):
@@ -95,28 +88,37 @@ def draw_mechanism(ax: Axes, scene: Scene, poses: Poses, view: View, t: float = 
             _stroke(ax, part.place(poses), LOOKS[part.look], layer)
 
 
+def _write(ax: Axes, point: np.ndarray, text: str, name: bool, layer: int) -> None:
+    style = {"fontstyle": "italic", "ha": "left", "path_effects": [withStroke(linewidth=2, foreground=COLORS["paper"])]}
+    ax.text(*point, text, fontsize=7, va="center", zorder=layer, **(style if name else {"ha": "center"}))
+
+
 def _stroke(ax: Axes, points: np.ndarray, look: Look, layer: int) -> None:
     color = COLORS[look.line] if look.line else "none"
     if look.fill:
         edge = COLORS["quiet"] if look.hatched else color
-        ax.add_patch(Polygon(points, facecolor=COLORS[look.fill], edgecolor=edge, linewidth=look.width if look.line else 0.0,
-                             hatch="/////" if look.hatched else None, zorder=layer))
+        ax.add_patch(Polygon(points, facecolor=COLORS[look.fill], edgecolor=edge, zorder=layer,
+                             linewidth=look.width if look.line else 0.0, hatch="/////" if look.hatched else None))
         return
     if not look.arrow or len(points) > 2:
         ax.plot(*points.T, color=color, linewidth=look.width, solid_capstyle="round", zorder=layer)
     if look.arrow:
-        ax.add_patch(FancyArrowPatch(*points[-2:], arrowstyle=_HEADS[look.arrow], mutation_scale=9, color=color, linewidth=look.width, shrinkA=0, shrinkB=0,
-                                     zorder=layer))
+        ax.add_patch(FancyArrowPatch(*points[-2:], arrowstyle=HEADS[look.arrow], mutation_scale=9, color=color,
+                                     linewidth=look.width, shrinkA=0, shrinkB=0, zorder=layer))
 
 
 def _legend(scene: Scene) -> list[Line2D | Patch]:
-    """One entry a kind, with the names of its elements where they are not that word."""
-    pins = [name for name, joint in scene.joints.items() if isinstance(joint, Revolute)]
-    symbols: list[tuple[str, Sequence[str], Callable[[str], Line2D | Patch]]] = [
-        ("pin", pins, lambda text: Line2D([], [], marker="o", markerfacecolor="white", color=COLORS["ink"], linestyle="none", label=text)),
-        ("guide", list(scene.guides), lambda text: Patch(facecolor="white", edgecolor=COLORS["ink"], hatch="////", label=text)),
-        ("drive", list(scene.drives), lambda text: Line2D([], [], color=COLORS["drive"], linewidth=1.8, label=text)),
-        ("spring", list(scene.springs), lambda text: Line2D([], [], color=COLORS["spring"], marker="x", label=text)),
-        ("load", list(scene.forces), lambda text: Line2D([], [], color=COLORS["load"], marker=">", label=text))]
-    return [symbol(kind if list(names) == [kind] else f"{kind}: {', '.join(names[:4])}{f', .. ({len(names)})' if len(names) > 4 else ''}")
-            for kind, names, symbol in symbols if names]
+    """Make one entry a kind, with the names of its elements where they are not that word."""
+    kinds = {"pin": [name for name, joint in scene.joints.items() if isinstance(joint, Revolute)],
+             "guide": scene.guides, "drive": scene.drives, "spring": scene.springs, "load": scene.forces}
+    symbols = {"pin": {"marker": "o", "markerfacecolor": "white", "color": COLORS["ink"], "linestyle": "none"},
+               "drive": {"color": COLORS["drive"], "linewidth": 1.8},
+               "spring": {"color": COLORS["spring"], "marker": "x"},
+               "load": {"color": COLORS["load"], "marker": ">"}}
+    handles = []
+    for kind, names in ((kind, [*names]) for kind, names in kinds.items() if names):
+        more = f", .. ({len(names)})" if len(names) > 4 else ""
+        text = kind if names == [kind] else f"{kind}: {', '.join(names[:4])}{more}"
+        handles.append(Patch(facecolor="white", edgecolor=COLORS["ink"], hatch="////", label=text) if kind == "guide"
+                       else Line2D([], [], label=text, **symbols[kind]))
+    return handles

@@ -1,4 +1,4 @@
-"""How scenes and trajectories show themselves in Jupyter: a drawing, what is in it, the end of the motion, its events."""
+"""Scenes and trajectories in Jupyter: a drawing, what is in it, the end of the motion, its events."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from stiction.scenes.model import Scene
-from stiction.scenes.pictures.geometry import poses_at, view_of
-from stiction.scenes.pictures.mechanism import canvas, draw_mechanism, drawing, fit, parameters_in_words
-from stiction.scenes.pictures.picture import rc
+from stiction.scenes.pictures.geometry import poses_at
+from stiction.scenes.pictures.mechanism import drawing, parameters_in_words
 from stiction.scenes.trajectory import Trajectory
 
 EVENTS_SHOWN = 20
@@ -17,41 +16,36 @@ _STATE = ("x", "y", "angle", "vx", "vy", "omega")
 
 def scene_html(scene: Scene) -> str:
     """Title, drawing, and what the scene declares."""
-    declared = [(what, ", ".join(table)) for what, table in (("bodies", scene.bodies), ("joints", scene.joints), ("drives", scene.drives),
-                                                            ("springs", scene.springs), ("forces", scene.forces)) if table]
-    parameters = parameters_in_words(scene)
+    sections = ("bodies", "joints", "drives", "springs", "forces")
+    rows = [(section, ", ".join(getattr(scene, section))) for section in sections]
+    rows.append(("parameters", parameters_in_words(scene)))
+    declared = [row for row in rows if row[1]]
     return (f"<p><b>{escape(scene.name)}</b>: {escape(scene.title)}</p>" + drawing(scene, heading=False).svg()
-            + _table(("", "names"), [*declared, *([("parameters", parameters)] if parameters else []), ("t_end", f"{scene.t_end:g} s")]))
+            + _table(("", "names"), [*declared, ("t_end", f"{scene.t_end:g} s")]))
 
 
 def trajectory_html(trajectory: Trajectory) -> str:
-    """Who simulated what and up to where, a drawing of the end if the scene is known, the end state, the events."""
-    ended = f"t = 0 .. {trajectory.t[-1]:g} s" if len(trajectory.t) else "no motion"
-    told = f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, {ended}, {len(trajectory.t)} rows"
+    """Scene, engine and end of the run, a drawing of the end if the scene is known, the end state, the events."""
+    moved = len(trajectory.t) > 0
+    ended = f"t = 0 .. {trajectory.t[-1]:g} s" if moved else "no motion"
+    title = (f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, {ended}, "
+             f"{len(trajectory.t)} rows")
     if trajectory.termination != "end":
-        told += f"; stopped: {trajectory.termination}"
-    bodies = [name.removesuffix(".omega") for name in trajectory.columns if name.endswith(".omega")] if len(trajectory.t) else []
+        title += f"; stopped: {trajectory.termination}"
+    parts = [f"<p>{escape(title)}</p>"]
+    if trajectory.mechanism is not None and moved:
+        poses = poses_at(trajectory.mechanism, trajectory, -1)
+        parts.append(drawing(trajectory.mechanism, False, poses, float(trajectory.t[-1])).svg())
+    bodies = [name.removesuffix(".omega") for name in trajectory.columns if name.endswith(".omega")] if moved else []
     state = [(name, *(f"{trajectory[f'{name}.{key}'][-1]:.9g}" for key in _STATE)) for name in bodies]
-    parts = [f"<p>{escape(told)}</p>"]
-    if trajectory.mechanism is not None and len(trajectory.t):
-        parts.append(_end(trajectory.mechanism, trajectory))
-    parts.append(_table(("end state [m, rad, s]", *_STATE), state))
-    parts.append(_table(("event [s]", "kind", "joint"), [(f"{event.time:.9f}", event.kind, event.joint) for event in trajectory.events[:EVENTS_SHOWN]]))
+    events = [(f"{event.time:.9f}", event.kind, event.joint) for event in trajectory.events[:EVENTS_SHOWN]]
+    parts += [_table(("end state [m, rad, s]", *_STATE), state), _table(("event [s]", "kind", "joint"), events)]
     if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
         parts.append(f"<p>... and {more} more events</p>")
     return "".join(parts)
 
 
-def _end(scene: Scene, trajectory: Trajectory) -> str:
-    poses = poses_at(scene, trajectory, -1)
-    view = view_of(scene, [poses])
-    with rc():
-        picture, ax = canvas(scene, view)
-        draw_mechanism(ax, scene, poses, view, float(trajectory.t[-1]))
-        fit(picture, ax)
-    return picture.svg()
-
-
 def _table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     body = "".join("<tr>" + "".join(f"<td>{escape(value)}</td>" for value in row) + "</tr>" for row in rows)
-    return f"<table><tr>{''.join(f'<th>{escape(name)}</th>' for name in columns)}</tr>{body}</table>" if body else ""
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    return f"<table><tr>{head}</tr>{body}</table>" if body else ""

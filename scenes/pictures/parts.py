@@ -14,25 +14,23 @@ from scipy.spatial import ConvexHull, QhullError
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Scene, Translational
-from stiction.scenes.pictures.geometry import AXIS_ARROW, LOAD_ARROW, Poses, View, attachments, spring_ends
+from stiction.scenes.pictures.geometry import (AXIS_ARROW, LOAD_ARROW, Poses, View, attachments, axes_along, box,
+                                               link_ends, unit_vector)
 
 MOST_NAMES = 12
-"""Bodies up to which each has its name beside it."""
+"""Bodies up to which each has its name next to it."""
 SOLID = 0.8
 """Symbols: how thick the solid behind a surface is drawn."""
-_COILS = 6
-_TURNS = np.linspace(0.0, 4 * np.pi, 60)
-_CIRCLE = tuple((float(np.cos(angle)), float(np.sin(angle))) for angle in np.linspace(0.0, 2 * np.pi, 25)[:-1])
-_ARC = np.linspace(-0.4 * np.pi, 1.1 * np.pi, 40)
+COILS = 6
 
-Point = tuple[float, float]
+Point = Sequence[float]
 Place = tuple[str, Point]
 """A body and a point in its axes, m."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """How a stroke is drawn: names of colours (none: not drawn), width in points; what is filled is closed."""
+    """Style of a stroke: names of colours (none: not drawn), width in points; what is filled is closed."""
 
     line: str = "ink"
     fill: str = ""
@@ -43,20 +41,38 @@ class Look:
 
 
 LOOKS = {
-    "ground": Look("", "paper", hatched=True), "moving guide": Look("", "body"), "surface": Look(), "slider": Look(fill="shade", width=0.9),
-    "support": Look(fill="paper"), "foot": Look(width=1.2), "spring anchor": Look("spring", width=1.2),
-    "plate": Look(fill="body"), "edge": Look(width=4.5), "bar": Look("body", width=3.0), "centre": Look(width=0.7), "spring": Look("spring", width=1.0),
-    "drive": Look("drive", width=1.5, arrow="both"), "turning drive": Look("drive", width=1.5, arrow="end"), "pin": Look(fill="paper", width=1.0),
-    "load": Look("load", width=1.8, arrow="end"), "turning load": Look("load", width=1.5, arrow="end"),
-    "corner force": Look("corner", width=1.2, arrow="end"), "gravity": Look(arrow="end")}
+    "ground": Look("", "paper", hatched=True), "moving guide": Look("", "body"), "surface": Look(),
+    "slider": Look(fill="shade", width=0.9), "support": Look(fill="paper"), "foot": Look(width=1.2),
+    "spring anchor": Look("spring", width=1.2), "plate": Look(fill="body"), "edge": Look(width=4.5),
+    "bar": Look("body", width=3.0), "centre": Look(width=0.7), "spring": Look("spring", width=1.0),
+    "drive": Look("drive", width=1.5, arrow="both"), "turning drive": Look("drive", width=1.5, arrow="end"),
+    "pin": Look(fill="paper", width=1.0), "load": Look("load", width=1.8, arrow="end"),
+    "turning load": Look("load", width=1.5, arrow="end"), "corner force": Look("corner", width=1.2, arrow="end"),
+    "gravity": Look(arrow="end")}
+
+_TURNS = np.linspace(0.0, 4 * np.pi, 60)
+
+
+def _around(angles: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+CIRCLE, ARC = _around(np.linspace(0.0, 2 * np.pi, 25)[:-1]), _around(np.linspace(-0.4 * np.pi, 1.1 * np.pi, 40))
+SPIRAL = (0.6 + 0.25 * _TURNS / np.pi)[:, None] * _around(_TURNS)
+TRIANGLE, FOOT = np.array([(0.0, 0.0), (-0.8, -1.2), (0.8, -1.2)]), np.array([(-1.2, -1.2), (1.2, -1.2)])
+CROSS = np.array([[(-1, 0), (1, 0)], [(0, -1), (0, 1)]])
+ANCHOR = np.array([[(-0.5, -0.5), (0.5, 0.5)], [(-0.5, 0.5), (0.5, -0.5)]])
+PISTON = np.array([[(0.0, 0.0), (0.45, 0.0)], [(0.45, -0.5), (0.45, 0.5)], [(0.65, -0.7), (0.35, -0.7)],
+                   [(0.65, 0.7), (0.35, 0.7)], [(0.65, -0.7), (0.65, 0.7)], [(0.65, 0.0), (1.0, 0.0)]])
+"""Symbols, in units of their size; of the piston first the share of the way."""
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """A line or an area, m; its origin is a point of a body, it turns with `axes`."""
+    """A line or an area, m, points of shape (n, 2); its origin is a point of a body, it turns with `axes`."""
 
     look: str
-    points: tuple[Point, ...]
+    points: np.ndarray
     at: Place
     axes: str = GROUND
     sign: tuple[str, int] | None = None
@@ -64,29 +80,30 @@ class Stroke:
 
     def place(self, poses: Poses) -> np.ndarray:
         """In ground axes; shape (n, 2)."""
-        origin = poses[self.at[0]].place(self.at[1])
-        return np.array([origin + poses[self.axes].turn(point) for point in self.points])
+        return poses[self.at[0]].place(self.at[1]) + poses[self.axes].turn(self.points)
 
 
 @dataclass(frozen=True)
 class Link:
-    """A line between two points of bodies, as of a spring or a drive: each point the share of the way from the second to the first, and m across it."""
+    """A line between two points of bodies, as of a spring or a drive.
+
+    Each of its points, shape (n, 2), has the share of the way from the second to the first, and m across it.
+    """
 
     look: str
-    points: tuple[Point, ...]
+    points: np.ndarray
     bodies: tuple[str, str]
     ends: tuple[Point, Point]
     axis: Point | None
 
     def place(self, poses: Poses, unit: float) -> np.ndarray:
         """In ground axes; shape (n, 2). One with an axis that is shorter than a symbol shows where it leads to."""
-        first, second = spring_ends(self.bodies, self.ends, self.axis, poses)
+        first, second = link_ends(self.bodies, self.ends, self.axis, poses)
         if np.hypot(*(first - second)) < unit and self.axis is not None and LOOKS[self.look].arrow:
-            axis = poses[self.bodies[1]].turn(self.axis)
-            first = second + AXIS_ARROW * unit * axis / np.hypot(*axis)
-        length = np.hypot(*(first - second))
-        across = np.array([second[1] - first[1], first[0] - second[0]]) / (length or 1.0)
-        return np.array([second + share * (first - second) + beside * across for share, beside in self.points])
+            first = second + AXIS_ARROW * unit * unit_vector(poses[self.bodies[1]].turn(self.axis))
+        way = first - second
+        across = np.array([-way[1], way[0]]) / (np.hypot(*way) or 1.0)
+        return second + self.points @ np.array([way, across])
 
 
 @dataclass(frozen=True)
@@ -128,38 +145,30 @@ Part = Stroke | Link | Label | CornerForce
 
 
 def parts(scene: Scene, view: View) -> Iterator[Part]:
-    """All of the drawing, what lies below first."""
-    held, ways = attachments(scene), {name: [*_ways_to_guides(scene, name, view)] for name in scene.bodies}
+    """Yield all of the drawing, what lies below first."""
+    held, sliders = attachments(scene), {guide.slider for guide in scene.guides.values()}
     yield from _guides(scene, view)
-    sliders = {guide.slider for guide in scene.guides.values()}
     for name in scene.bodies:
-        yield from _body(name, [*held[name], *ways[name]], view.unit, name in sliders)
+        yield from _body(name, [*held[name], *_holds(scene, name, view)], view.unit, name in sliders)
     yield from _supports(scene, view.unit)
-    for spring in scene.springs.values():
-        if isinstance(spring, LinearSpring):
-            for points in _spring(view.unit, spring.stiffness > 0, spring.damping > 0):
-                yield Link("spring", points, spring.bodies, spring.points, spring.axis)
-        else:
-            radius = view.unit * (0.6 + 0.25 * _TURNS / np.pi)
-            yield Stroke("spring", _points(radius * np.cos(_TURNS), radius * np.sin(_TURNS)), _centre(scene, spring.bodies))
+    yield from _springs(scene, view.unit)
     for drive in scene.drives.values():
         yield _drive(scene, drive, view.unit)
     for joint in scene.joints.values():
         if isinstance(joint, Revolute):
-            yield Stroke("pin", _scaled(_CIRCLE, 0.25 * view.unit), (joint.bodies[0], joint.points[0]))
+            yield Stroke("pin", 0.25 * view.unit * CIRCLE, (joint.bodies[0], joint.points[0]))
     yield from _loads(scene, view.unit)
     yield from _corners(scene, view.unit)
     if len(scene.bodies) <= MOST_NAMES:
         yield from _names(scene, view.unit)
     if scene.gravity is not None and np.hypot(*scene.gravity) > 0:
-        down = np.array(scene.gravity) / np.hypot(*scene.gravity)
-        begin = np.array([view.x[1], view.y[1]]) - view.unit * (1.5 + 2.0 * np.maximum(down, 0))
-        ground = (GROUND, (float(begin[0]), float(begin[1])))
-        yield Stroke("gravity", ((0.0, 0.0), _point(2 * view.unit * down)), ground)
-        yield Label("g", _point(view.unit * (down + [-1.2, 0.0])), ground)
+        down = unit_vector(scene.gravity)
+        begin = GROUND, np.array([view.x[1], view.y[1]]) - view.unit * (1.5 + 2.0 * np.maximum(down, 0))
+        yield Stroke("gravity", np.array([(0.0, 0.0), 2 * view.unit * down]), begin)
+        yield Label("g", view.unit * (down + [-1.2, 0.0]), begin)
 
 
-def slider_size(scene: Scene, name: str, unit: float) -> Point:
+def slider_size(scene: Scene, name: str, unit: float) -> tuple[float, float]:
     """Length and width of a slider as drawn, m; what is not declared is some symbols."""
     guide = scene.guides[name]
     length = guide.length or 3 * unit
@@ -170,88 +179,74 @@ def _guides(scene: Scene, view: View) -> Iterator[Stroke]:
     """Two surfaces with the solid behind them, hatched where it is the ground; then sliders; then what these guide."""
     for names in _from_the_ground(scene):
         for name in names:
-            guide, width, reach = scene.guides[name], slider_size(scene, name, view.unit)[1], view.reach[name]
-            at, behind = (guide.guide, guide.point), width / 2 + SOLID * view.unit
+            guide, (low, high) = scene.guides[name], view.reach[name]
+            at, axes = (guide.guide, guide.point), axes_along(guide.direction)
+            surface = slider_size(scene, name, view.unit)[1] / 2
+            behind = surface + SOLID * view.unit
             for side in (-1, 1):
-                near, far = side * width / 2, side * behind
+                near, far = side * surface, side * behind
                 yield Stroke("ground" if guide.guide == GROUND else "moving guide",
-                             _along(guide.direction, [(reach[0], near), (reach[1], near), (reach[1], far), (reach[0], far)]), at, guide.guide)
-                yield Stroke("surface", _along(guide.direction, [(s, near) for s in reach]), at, guide.guide)
-            if (end := _end(guide, reach)) is not None:
-                back = end + np.sign(end - np.mean(reach)) * SOLID * view.unit
-                yield Stroke("moving guide", _along(guide.direction, [(end, -behind), (end, behind), (back, behind), (back, -behind)]), at, guide.guide)
+                             np.array([(low, near), (high, near), (high, far), (low, far)]) @ axes, at, guide.guide)
+                yield Stroke("surface", np.array([(low, near), (high, near)]) @ axes, at, guide.guide)
+            if (end := _end(guide, (low, high))) is not None:
+                back = end + np.sign(end - (low + high) / 2) * SOLID * view.unit
+                outline = np.array([(end, -behind), (end, behind), (back, behind), (back, -behind)])
+                yield Stroke("moving guide", outline @ axes, at, guide.guide)
         for name in names:
             guide = scene.guides[name]
-            yield Stroke("slider", _along(guide.direction, _box(slider_size(scene, name, view.unit))), (guide.slider, guide.slider_point), guide.guide)
+            outline = box(slider_size(scene, name, view.unit)) @ axes_along(guide.direction)
+            yield Stroke("slider", outline, (guide.slider, guide.slider_point), guide.guide)
 
 
 def _from_the_ground(scene: Scene) -> Iterator[list[str]]:
-    """Guides on what does not slide, then those on the sliders of these, and so on: a yoke lies below the slot in it."""
+    """Yield guides on what does not slide, then those on their sliders, ..: a yoke lies below the slot in it."""
     rest = dict(scene.guides)
     while rest:
         sliders = {guide.slider for guide in rest.values()}
-        yield (names := [name for name, guide in rest.items() if guide.guide not in sliders] or [*rest])  # all, where they guide each other in a ring
-        for name in names:
-            del rest[name]
+        names = [name for name, guide in rest.items() if guide.guide not in sliders]
+        yield names or [*rest]  # all, where they guide each other in a ring
+        rest = {name: guide for name, guide in rest.items() if names and name not in names}
 
 
 def _end(guide: Translational, reach: tuple[float, float]) -> float | None:
-    """Where a body holds the surfaces of its guide, m along it: at their end nearer to its centre; None if it lies between."""
-    [centre] = _across(guide.direction, [-np.array(guide.point)])
-    return None if guide.guide == GROUND or reach[0] <= centre[0] <= reach[1] else min(reach, key=lambda end: abs(end - centre[0]))
+    """Return the end of a guide nearer to its body's centre, m along it; None if the centre is between the ends."""
+    centre = -(axes_along(guide.direction) @ guide.point)[0]
+    if guide.guide == GROUND or reach[0] <= centre <= reach[1]:
+        return None
+    return min(reach, key=lambda end: abs(end - centre))
 
 
-def _ways_to_guides(scene: Scene, body: str, view: View) -> Iterator[np.ndarray]:
+def _holds(scene: Scene, body: str, view: View) -> Iterator[np.ndarray]:
     """Points of a body, in its own axes, at which it holds its guides; each of shape (2,)."""
     for name, guide in scene.guides.items():
         if guide.guide == body and (end := _end(guide, view.reach[name])) is not None:
-            [point] = _along(guide.direction, [(end, 0.0)])
-            yield np.array(guide.point) + point
+            yield np.array(guide.point) + end * unit_vector(guide.direction)
 
 
 def _corners(scene: Scene, unit: float) -> Iterator[Part]:
-    """Arrows of the forces on the sliders' corners, at the lower ones along the normal, at the upper ones against it; the corners' numbers."""
+    """Arrows of the forces on the sliders' corners, along the normal at the lower ones; the corners' numbers."""
     for name, guide in scene.guides.items():
         if guide.length is None:
             continue
-        at = guide.slider, guide.slider_point
-        corners = _along(guide.direction, _box(slider_size(scene, name, unit)))
+        at, axes = (guide.slider, guide.slider_point), axes_along(guide.direction)
+        corners = box(slider_size(scene, name, unit)) @ axes
         for number, corner in enumerate(corners, 1):
-            [inwards] = _along(guide.direction, [(0.0, 1.0 if number <= 2 else -1.0)])
-            yield CornerForce(name, number, corner, inwards, at, guide.guide)
+            yield CornerForce(name, number, corner, axes[1] if number <= 2 else -axes[1], at, guide.guide)
         for number, corner in enumerate(corners, 1):
-            yield Label(str(number), _point(np.array(corner) * (1 - min(0.3, 1.5 * unit / np.hypot(*corner)))), at, guide.guide)
+            yield Label(str(number), corner * (1 - min(0.3, 1.5 * unit / np.hypot(*corner))), at, guide.guide)
 
 
 def _names(scene: Scene, unit: float) -> Iterator[Label]:
-    """Of a slider behind the upper surface, of others beside the centre of mass."""
+    """Names of bodies: of a slider behind the upper surface, of others near the centre of mass."""
     guides = {guide.slider: (name, guide) for name, guide in scene.guides.items()}
     for body in scene.bodies:
         if body in guides:
             name, guide = guides[body]
             length, width = slider_size(scene, name, unit)
-            [point] = _along(guide.direction, [(-length / 2, width / 2 + 2.0 * unit)])
+            point = np.array([-length / 2, width / 2 + 2.0 * unit]) @ axes_along(guide.direction)
             yield Label(body, point, (body, guide.slider_point), guide.guide)
         else:
             yield Label(body, (1.2 * unit, 1.4 * unit), (body, (0.0, 0.0)))
-
-
-def _box(size: Point) -> list[Point]:
-    """Corners 1 lower rear, 2 lower front, 3 upper front, 4 upper rear: along the guide and across it."""
-    a, b = size
-    return [(p * a / 2, q * b / 2) for p, q in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-
-
-def _along(direction: Sequence[float], points: Sequence[Point]) -> tuple[Point, ...]:
-    """Points given along a direction and across it."""
-    along = np.array(direction) / np.hypot(*direction)
-    return tuple(_point(s * along + n * np.array([-along[1], along[0]])) for s, n in points)
-
-
-def _across(direction: Sequence[float], points: Sequence[np.ndarray]) -> tuple[Point, ...]:
-    """The reverse of `_along`."""
-    along = np.array(direction) / np.hypot(*direction)
-    return tuple(_point(np.array([point @ along, point @ [-along[1], along[0]]])) for point in points)
 
 
 def _body(name: str, held: Sequence[np.ndarray], unit: float, slider: bool) -> Iterator[Stroke]:
@@ -262,83 +257,69 @@ def _body(name: str, held: Sequence[np.ndarray], unit: float, slider: bool) -> I
     except QhullError:  # they lie on a line
         way = points[np.argmax(np.hypot(*points.T))]
         outline = points[np.argsort(points @ way)][[0, -1]]
-    corners = tuple(_point(point) for point in outline)
     if len(outline) > 2:
-        yield Stroke("plate", corners, at, name)
+        yield Stroke("plate", outline, at, name)
     elif np.ptp(outline, axis=0).max() > 0:
-        yield from (Stroke(look, corners, at, name) for look in ("edge", "bar"))
+        yield from (Stroke(look, outline, at, name) for look in ("edge", "bar"))
     elif not slider:
-        yield Stroke("plate", _scaled(_CIRCLE, 0.4 * unit), at, name)
-    yield from (Stroke("centre", _scaled(cross, 0.2 * unit), at, name) for cross in (((-1, 0), (1, 0)), ((0, -1), (0, 1))))
+        yield Stroke("plate", 0.4 * unit * CIRCLE, at, name)
+    yield from (Stroke("centre", 0.2 * unit * line, at, name) for line in CROSS)
 
 
 def _supports(scene: Scene, unit: float) -> Iterator[Stroke]:
     """Points of the ground that something is held at: of a pin a triangle that stands on it, of a spring a cross.
 
-    A spring of no length has its anchor where its body is: a triangle there would say that the body is pinned to the ground.
+    A spring of no length has its anchor where its body is: a triangle there would say that the body is pinned to the
+    ground.
     """
     for joint in scene.joints.values():
         if isinstance(joint, Revolute) and GROUND in joint.bodies:
             at = GROUND, joint.points[joint.bodies.index(GROUND)]
-            yield Stroke("support", _scaled(((0.0, 0.0), (-0.8, -1.2), (0.8, -1.2)), unit), at)
-            yield Stroke("foot", _scaled(((-1.2, -1.2), (1.2, -1.2)), unit), at)
+            yield Stroke("support", unit * TRIANGLE, at)
+            yield Stroke("foot", unit * FOOT, at)
     for spring in scene.springs.values():
         if isinstance(spring, LinearSpring) and GROUND in spring.bodies:
             at = GROUND, spring.points[spring.bodies.index(GROUND)]
-            yield from (Stroke("spring anchor", _scaled(line, unit), at) for line in (((-0.5, -0.5), (0.5, 0.5)), ((-0.5, 0.5), (0.5, -0.5))))
+            yield from (Stroke("spring anchor", unit * line, at) for line in ANCHOR)
 
 
-def _spring(unit: float, elastic: bool, damped: bool) -> Iterator[tuple[Point, ...]]:
-    """A zigzag, a piston, or both side by side."""
-    beside = 0.7 * unit if elastic and damped else 0.0
-    if elastic:
-        share = [0.0, 0.15, *np.linspace(0.15, 0.85, 2 * _COILS + 1)[1:-1], 0.85, 1.0]
-        swing = [0.0, 0.0, *np.tile([1.0, -1.0], _COILS)[:2 * _COILS - 1], 0.0, 0.0]
-        yield _points(share, 0.6 * unit * np.array(swing) + beside)
-    if damped:
-        for line in (((0.0, 0.0), (0.45, 0.0)), ((0.45, -0.5), (0.45, 0.5)), ((0.65, -0.7), (0.35, -0.7)), ((0.65, 0.7), (0.35, 0.7)),
-                     ((0.65, -0.7), (0.65, 0.7)), ((0.65, 0.0), (1.0, 0.0))):
-            yield tuple((share, swing * 0.7 * unit - beside) for share, swing in line)
+def _springs(scene: Scene, unit: float) -> Iterator[Stroke | Link]:
+    """Zigzags for springs, pistons for dampers, both side by side; spirals for those of an angle."""
+    for spring in scene.springs.values():
+        if not isinstance(spring, LinearSpring):
+            yield Stroke("spring", unit * SPIRAL, _centre(scene, spring.bodies))
+            continue
+        lines, aside = [], 0.7 * unit if spring.stiffness > 0 and spring.damping > 0 else 0.0
+        if spring.stiffness > 0:
+            share = [0.0, 0.15, *np.linspace(0.15, 0.85, 2 * COILS + 1)[1:-1], 0.85, 1.0]
+            swing = [0.0, 0.0, *np.tile([1.0, -1.0], COILS)[:2 * COILS - 1], 0.0, 0.0]
+            lines.append(np.column_stack([share, 0.6 * unit * np.array(swing) + aside]))
+        if spring.damping > 0:
+            lines += [*(PISTON * [1.0, 0.7 * unit] - [0.0, aside])]
+        yield from (Link("spring", line, spring.bodies, spring.points, spring.axis) for line in lines)
 
 
 def _drive(scene: Scene, drive: Drive, unit: float) -> Stroke | Link:
     if drive.type == "angle":
         sign = -1 if evaluate_law(drive.law, 0.0)[1] < 0 else 1
-        return Stroke("turning drive", _turning(1.8 * unit, sign), _centre(scene, drive.bodies))
-    return Link("drive", ((0.0, 0.0), (1.0, 0.0)), drive.bodies, drive.points, drive.axis)
+        return Stroke("turning drive", 1.8 * unit * ARC[::sign], _centre(scene, drive.bodies))
+    return Link("drive", np.array([(0.0, 0.0), (1.0, 0.0)]), drive.bodies, drive.points, drive.axis)
 
 
 def _loads(scene: Scene, unit: float) -> Iterator[Stroke]:
-    """Each twice, for the two signs that it may have."""
+    """Each twice, for the two signs that it may have; an arc is counter-clockwise for a sign of 1."""
     for name, load in scene.forces.items():
         for sign in (1, -1):
             if isinstance(load, Force):
-                direction = np.array(load.direction) / np.hypot(*load.direction)
-                yield Stroke("load", ((0.0, 0.0), _point(sign * LOAD_ARROW * unit * direction)), (load.body, load.point), sign=(name, sign))
+                arrow = np.array([(0.0, 0.0), sign * LOAD_ARROW * unit * unit_vector(load.direction)])
+                yield Stroke("load", arrow, (load.body, load.point), sign=(name, sign))
             else:
-                yield Stroke("turning load", _turning(2.6 * unit, sign), (load.body, (0.0, 0.0)), sign=(name, sign))
-
-
-def _turning(radius: float, sign: int) -> tuple[Point, ...]:
-    """An arc, counter-clockwise for a sign of 1."""
-    return _points(radius * np.cos(_ARC[::sign]), radius * np.sin(_ARC[::sign]))
+                yield Stroke("turning load", 2.6 * unit * ARC[::sign], (load.body, (0.0, 0.0)), sign=(name, sign))
 
 
 def _centre(scene: Scene, bodies: Sequence[str]) -> Place:
-    """Where something that turns two bodies against each other is drawn: at the pin between them, else at the first that moves."""
+    """Place of what turns two bodies against each other: the pin between them, else the first that moves."""
     for joint in scene.joints.values():
         if isinstance(joint, Revolute) and set(joint.bodies) == set(bodies):
             return joint.bodies[0], joint.points[0]
     return next(name for name in bodies if name != GROUND), (0.0, 0.0)
-
-
-def _point(values: np.ndarray) -> Point:
-    return float(values[0]), float(values[1])
-
-
-def _points(x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray) -> tuple[Point, ...]:
-    return tuple((float(a), float(b)) for a, b in zip(x, y, strict=True))
-
-
-def _scaled(points: Sequence[Point], size: float) -> tuple[Point, ...]:
-    return tuple((size * x, size * y) for x, y in points)

@@ -1,4 +1,4 @@
-"""What all pictures share: type, colours, files that are the same bytes for the same data."""
+"""Type and colours of all pictures; files that are the same bytes for the same data."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ WIDTH = 174 / 25.4
 """Inches: both columns of a journal page."""
 DPI = 150
 ENDINGS = (".svg", ".pdf", ".png")
-# of Okabe & Ito's palette (the purple darker), told apart by the colour-blind
-COLORS = {"ink": "#000000", "quiet": "#888888", "paper": "#FFFFFF", "body": "#D9E4EC", "shade": "#E2E2E2", "drive": "#D55E00", "spring": "#009E73",
-          "load": "#0072B2", "corner": "#A03A7B"}
+# of Okabe & Ito's palette (the purple darker), which the colour-blind can distinguish
+COLORS = {"ink": "#000000", "quiet": "#888888", "paper": "#FFFFFF", "body": "#D9E4EC", "shade": "#E2E2E2",
+          "drive": "#D55E00", "spring": "#009E73", "load": "#0072B2", "corner": "#A03A7B"}
 CYCLE = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
 
-_RC = {"font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "mathtext.fontset": "dejavusans", "font.size": 8, "axes.labelsize": 8,
-       "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7, "axes.linewidth": 0.6, "xtick.direction": "in", "ytick.direction": "in",
-       "legend.frameon": False, "hatch.linewidth": 0.4, "pdf.fonttype": 42, "svg.hashsalt": "stiction"}
+_RC = {"font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "mathtext.fontset": "dejavusans",
+       "font.size": 8, "axes.labelsize": 8, "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7,
+       "axes.linewidth": 0.6, "xtick.direction": "in", "ytick.direction": "in", "legend.frameon": False,
+       "hatch.linewidth": 0.4, "pdf.fonttype": 42, "svg.hashsalt": "stiction"}
 
 
 def rc() -> AbstractContextManager[None]:
-    """Type and lines of these pictures, whatever the user has set, for pictures made and written within."""
+    """Context with type and lines of these pictures, whatever the user has set."""
     return style.context(["default", _RC])
 
 
 def content(figure: Figure, kind: str, **options: Any) -> bytes:
-    """The content of a file with the figure, made in memory: matplotlib's writers meet a full disk with errors of their own."""
+    """Content of a file with the figure, made in memory: matplotlib's writers have own errors for a full disk."""
     file = io.BytesIO()
     figure.savefig(file, format=kind, **options)
     return file.getvalue()
@@ -45,11 +46,11 @@ class Picture(Figure):
         FigureCanvasAgg(self)
 
     def write(self, file: str | Path, kind: str | None = None) -> None:
-        """Write it as SVG, PDF or PNG, by the ending of the name; no date, so that the same data give the same bytes."""
+        """Write it as SVG, PDF or PNG, by the ending of the name, without a date."""
         Path(file).write_bytes(self._content(kind or Path(file).suffix.lower().removeprefix(".")))
 
     def svg(self) -> str:
-        """As an SVG element to put into a page."""
+        """Return it as an SVG element to put into a page."""
         text = self._content("svg").decode()
         return text[text.index("<svg"):]
 

@@ -1,4 +1,4 @@
-"""What pages for a browser are made of: columns of numbers in few bytes, mechanisms to be moved, a document that needs nothing but itself."""
+"""Pages for a browser: columns of numbers in few bytes, mechanisms to be moved, a document that needs no other file."""
 
 from __future__ import annotations
 
@@ -16,34 +16,29 @@ import numpy as np
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Scene
 from stiction.scenes.pictures.geometry import LONGEST_ARROW, View
-from stiction.scenes.pictures.parts import LOOKS, CornerForce, Label, Link, parts
+from stiction.scenes.pictures.parts import LOOKS, CornerForce, Label, Link, Stroke, parts
 
 CONTENT_SECURITY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 """What a browser lets a page do: nothing with the network."""
 SHORT, LONG = 16, 32
 """Bits of a number. 16: to 8e-6 of the range of its column, finer than a screen shows; 32: to 1e-10."""
+KINDS = {Stroke: "stroke", Label: "label", CornerForce: "force", Link: "link"}
 
 
 class Columns:
     """Columns of numbers, to be read by ``unpack`` of ``browser/data.js``.
 
-    Each is rounded to whole steps of its range. Of the steps the second differences are kept, byte by byte, since those of smooth motions are
-    small; of columns with a coarse step of their own the first ones. All of it is compressed (gzip) and written in base64.
-
-    Attributes
-    ----------
-    about : list of tuple
-        Of each column: bits, rows, smallest value, step, order of the differences.
-    data : bytearray
-        Its bytes, not yet compressed.
+    Each is rounded to whole steps of its range. The second differences of the steps are kept, byte by byte, since those
+    of smooth motions are small; the first ones of columns with a coarse step of their own. All of it is compressed
+    (gzip) and written in base64.
     """
 
     def __init__(self) -> None:
-        self.about: list[tuple[int, int, float, float, int]] = []
-        self.data = bytearray()
+        self.about: list[tuple[int, int, float, float, int]] = []  # bits, rows, smallest value, step, differences
+        self.data = bytearray()  # not yet compressed
 
     def add(self, values: Sequence[float] | np.ndarray, bits: int = SHORT, step: float = 0.0) -> int:
-        """The number of the new column; what is not finite is missing. `step`: the numbers need not be finer than that."""
+        """Add a column and return its number; what is not finite is missing, nothing need be finer than `step`."""
         values = np.asarray(values, dtype=float)
         known, last = np.isfinite(values), 2 ** bits - 2
         low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 0.0)
@@ -60,22 +55,25 @@ class Columns:
 
     def packed(self) -> dict[str, Any]:
         """Ready for JSON; the same columns give the same text."""
-        return {"columns": self.about, "data": base64.b64encode(gzip.compress(bytes(self.data), 9, mtime=0)).decode("ascii")}
+        packed = gzip.compress(bytes(self.data), 9, mtime=0)
+        return {"columns": self.about, "data": base64.b64encode(packed).decode("ascii")}
 
 
 def mechanism(scene: Scene, view: View) -> dict[str, Any]:
-    """The drawing of `stiction.scenes.pictures.parts`, ready for JSON, as ``drawMechanism`` of ``browser/player.js`` reads it."""
+    """Return the drawing, ready for JSON, as ``drawMechanism`` of ``browser/player.js`` reads it."""
     digits = 5 - int(np.floor(np.log10(view.size)))
-    kinds = {Label: "label", CornerForce: "force", Link: "link"}
-    drawn = [{"kind": kinds.get(type(part), "stroke"), **_rounded(asdict(part), digits), **({"column": part.column} if isinstance(part, CornerForce) else {})}
-             for part in parts(scene, view)]
-    return {"name": scene.name, "x": view.x, "y": view.y, "unit": view.unit, "longest": LONGEST_ARROW * view.unit, "bodies": list(scene.bodies),
-            "looks": {name: asdict(look) for name, look in LOOKS.items()}, "parts": drawn}
+    drawn = [_rounded({"kind": KINDS[type(part)], **asdict(part)}, digits) for part in parts(scene, view)]
+    for part in drawn:
+        if part["kind"] == "force":
+            part["column"] = f"{part['guide']}.F{part['number']}"
+    return {"name": scene.name, "x": view.x, "y": view.y, "unit": view.unit, "longest": LONGEST_ARROW * view.unit,
+            "bodies": list(scene.bodies), "looks": {name: asdict(look) for name, look in LOOKS.items()}, "parts": drawn}
 
 
 def load_signs(scene: Scene, t: np.ndarray) -> dict[str, np.ndarray]:
-    """By ``load NAME`` the sign of each load at the times, -1 or 1, as `Stroke.sign` asks for it."""
-    return {f"load {name}": np.array([-1.0 if evaluate_law(load.law, time)[0] < 0 else 1.0 for time in t]) for name, load in scene.forces.items()}
+    """Return by ``load NAME`` the sign of each load at the times, -1 or 1, as in `Stroke.sign`."""
+    return {f"load {name}": np.array([-1.0 if evaluate_law(load.law, time)[0] < 0 else 1.0 for time in t])
+            for name, load in scene.forces.items()}
 
 
 def pose_columns(scene: Scene) -> list[str]:
@@ -84,17 +82,19 @@ def pose_columns(scene: Scene) -> list[str]:
 
 
 def force_columns(scene: Scene) -> list[str]:
-    """Columns of the forces on the corners of its sliders, which are drawn where a trajectory has them."""
-    return [f"{name}.F{number}" for name, guide in scene.guides.items() if guide.length is not None for number in (1, 2, 3, 4)]
+    """Columns of the forces on the corners of sliders, which are drawn where a trajectory has them."""
+    return [f"{name}.F{number}" for name, guide in scene.guides.items() if guide.length is not None
+            for number in (1, 2, 3, 4)]
 
 
 def document(title: str, body: str, styles: Iterable[str], scripts: Iterable[str]) -> str:
-    """An HTML document with everything in it; it asks for nothing on the network."""
+    """Make an HTML document with everything in it; it requests nothing from the network."""
     return "\n".join([
-        "<!DOCTYPE html>", '<html lang="en">', "<head>", '<meta charset="utf-8">', f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_SECURITY}">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">', f"<title>{escape(title)}</title>", '<link rel="icon" href="data:,">',
-        *(f"<style>\n{style}</style>" for style in styles), "</head>", "<body>", body, *(f"<script>\n{script}</script>" for script in scripts),
-        "</body>", "</html>", ""])
+        "<!DOCTYPE html>", '<html lang="en">', "<head>", '<meta charset="utf-8">',
+        f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_SECURITY}">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">', f"<title>{escape(title)}</title>",
+        '<link rel="icon" href="data:,">', *(f"<style>\n{style}</style>" for style in styles), "</head>",
+        "<body>", body, *(f"<script>\n{script}</script>" for script in scripts), "</body>", "</html>", ""])
 
 
 def data(name: str, content: Mapping[str, Any]) -> str:
@@ -104,20 +104,19 @@ def data(name: str, content: Mapping[str, Any]) -> str:
 
 
 def asset(name: str) -> str:
-    """A style or script of ``browser``."""
+    """Read a style, script or element of ``browser``."""
     return (files("stiction.scenes.pictures") / "browser" / name).read_text(encoding="utf-8")
 
 
 def film_controls() -> str:
     """The drawing with its controls, as ``Film`` of ``browser/player.js`` takes it."""
-    return ('<figure class="film"><canvas role="img"></canvas><div class="transport"><button type="button" class="play" aria-label="Play">▶</button>'
-            '<button type="button" class="back" aria-label="One sample back">‹</button><input type="range" aria-label="Time, s" min="0" step="any" value="0">'
-            '<button type="button" class="on" aria-label="One sample on">›</button><label>Speed <select><option>0.1</option><option>0.25</option>'
-            '<option selected>1</option><option>4</option></select></label><output aria-live="off"></output></div>'
-            '<figcaption>Space plays and pauses, arrow keys move the time (with Shift by 10 samples).</figcaption></figure>')
+    return asset("film.html").replace("\n", "")
 
 
 def _rounded(value: Any, digits: int) -> Any:
+    """Round all numbers of a structure; arrays become lists."""
+    if isinstance(value, np.ndarray):
+        return np.round(value, digits).tolist()
     if isinstance(value, float):
         return round(value, digits)
     if isinstance(value, (list, tuple)):

@@ -87,7 +87,7 @@ def test_the_budget_holds_for_the_draws_too(night):
     assert ended.exit_code == COULD_NOT_RUN_CODE, ended.output
     report = next(Path("out").glob("*/report.md")).read_text()
     assert {row.status for row in rows()[1]} == {NOT_RUN}
-    assert "2 slider-bars did not come out" in report and "1 mechanisms did not come out" in report
+    assert "2 slider-bars without a result" in report and "1 mechanisms without a result" in report
 
 
 def test_seed_is_the_nights_own_and_batches_are_of_one_stream():

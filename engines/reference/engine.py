@@ -82,7 +82,7 @@ class ReferenceEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         from stiction.engines.shared.fixed_step import step_of, steps_between_outputs
-        from stiction.reference_impl.compiled.linked_workspace import clock, compiling_seconds
+        from stiction.reference_impl.compiled.kernel import clock, compiling_seconds
         from stiction.reference_impl.friction.solvers import SOLVERS
         from stiction.reference_impl.integration.event_driven import simulate_event_driven
         from stiction.reference_impl.integration.paper_scheme import simulate_as_paper

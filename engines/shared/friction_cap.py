@@ -112,7 +112,7 @@ class CoefficientSwitch(GuideFriction):
     def begin(self) -> None:
         """Begin the first step."""
         finish_contacts.link()
-        begin_contacts(self.data.address)
+        begin_contacts(self.data)
 
     def coefficients(self) -> list[float]:
         """Per frictional guide, for the next step."""
@@ -120,4 +120,4 @@ class CoefficientSwitch(GuideFriction):
 
     def observe(self) -> None:
         """Take in a step."""
-        finish_contacts(self.data.address)
+        finish_contacts(self.data)

@@ -18,7 +18,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import IntegerTable, Integers
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIMINATION, RANK_TOLERANCE, eliminate, eliminate_banded,
+from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIMINATION, RANK_TOLERANCE, eliminate,
                                                              minimum_norm, solve_in_place)
 from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row, solve_bilateral
 from stiction.reference_impl.multibody.kinematics import Workspace
@@ -65,7 +65,7 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
     n = nr
     for f in range(nf):
         n += 1 if slip[f] == 0 else 0
-    regular = eliminate(w.A, w.x, w.unit, n, RANK_TOLERANCE if nf > 0 else ELIMINATION)
+    regular = eliminate(w.A, w.x, w.unit, n, n, RANK_TOLERANCE if nf > 0 else ELIMINATION)
     if not regular and nf == 0:
         _solve_without_friction(m, w)
         return False
@@ -114,7 +114,7 @@ def _are_independent(w, nr):
         w.x[r] = 0.0
         for c in range(nr):
             w.A[r, c] = w.G[r, c]
-    return solve_in_place(w.A, w.x, w.unit, nr)
+    return solve_in_place(w.A, w.x, w.unit, nr, nr)
 
 
 @kernel
@@ -124,7 +124,7 @@ def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) 
     for c in range(len(m.cell)):
         band, first = m.cell[c].band, m.cell[c].first
         n = _fill_cell(m, w, c, slip, slip, corner, band)
-        if not eliminate_banded(w.A, w.x, w.unit, n, band, ELIMINATION if without_friction else RANK_TOLERANCE):
+        if not solve_in_place(w.A, w.x, w.unit, n, band, ELIMINATION if without_friction else RANK_TOLERANCE):
             if without_friction:
                 _solve_without_friction(m, w)
                 return False
@@ -162,7 +162,7 @@ def solve_assumed(m: Arrays, w: Workspace, slip: Integers, direction: Integers, 
     for c in range(len(m.cell)):
         band, first = m.cell[c].band, m.cell[c].first
         n = _fill_cell(m, w, c, slip, direction, corner, band)
-        if not eliminate_banded(w.A, w.x, w.unit, n, band):
+        if not solve_in_place(w.A, w.x, w.unit, n, band):
             return False
         for k in range(n):
             w.force[m.order[first + k]] = w.x[k]

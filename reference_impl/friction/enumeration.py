@@ -70,7 +70,7 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Tab
     for code in range(int(modes(m, stuck))):
         _decode(m, code, slip, stuck, direction, s1, s2)
         fill(m, w, stuck, direction, s1, s2, A, force, compliance)
-        if not solve_in_place(A, force, w.unit, nr + nf) or revise(m, w, stuck, direction, s1, s2, force) >= 0:
+        if not solve_in_place(A, force, w.unit, nr + nf, nr + nf) or revise(m, w, stuck, direction, s1, s2, force) >= 0:
             continue
         acceleration(m, w, force, motion)
         if _is_new(m, motion, known[:found], SLACK * _largest_term(m, w, force)):

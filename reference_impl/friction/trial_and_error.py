@@ -64,7 +64,7 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corne
             copy(w.force, force)
         else:
             fill(m, w, stuck, direction, s1, s2, A, force, 0.0)
-            regular = solve_in_place(A, force, w.unit, nr + nf)
+            regular = solve_in_place(A, force, w.unit, nr + nf, nr + nf)
         if not regular:
             return SINGULAR, trials, -1
         guide = revise(m, w, stuck, direction, s1, s2, force)

@@ -55,7 +55,7 @@ def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
                 c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
                 A[k + c, normal] -= c_R * w.J[i + c]
                 A[k + c, normal + 1] -= c_T * w.J[i + c]
-    if not eliminate(A, x, unit, size, REGULAR):
+    if not eliminate(A, x, unit, size, size, REGULAR):
         return False
     for i in range(n):
         motion[i] = x[i]

@@ -16,7 +16,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Bundle, Cube, IntegerTable, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linked_workspace import clock
+from stiction.reference_impl.compiled.kernel import clock
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.contact_modes import ALL, can_jam, choose_branches, margin, most_capacity
 from stiction.reference_impl.friction.guides_at_rest import leave_together, rest_together

@@ -28,7 +28,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Bundle, Cube, IntegerTable, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate_columns
-from stiction.reference_impl.compiled.linked_workspace import clock
+from stiction.reference_impl.compiled.kernel import clock
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
 from stiction.reference_impl.friction.lemke import lemke

@@ -13,7 +13,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Cube, Flags, IntegerTable, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linked_workspace import clock
+from stiction.reference_impl.compiled.kernel import clock
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.contact_modes import solve_mode
 from stiction.reference_impl.friction.contact_solvers import solve_contact

@@ -14,7 +14,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import at
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, eliminate_banded
+from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, solve_in_place
 
 
 @kernel
@@ -51,7 +51,7 @@ def solve_bilateral(m, w, c, residual):
         w.x[k] = residual[r] if r < m.rows else 0.0
         if r >= m.rows:
             friction_row(m, w, w.A, r - m.rows, n, band, 0.0, 0.0)
-    regular = eliminate_banded(w.A, w.x, w.unit, n, band, ELIMINATION)
+    regular = solve_in_place(w.A, w.x, w.unit, n, band, ELIMINATION)
     for k in range(n):
         w.force[m.order[first + k]] = w.x[k]
     return regular

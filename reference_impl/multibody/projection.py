@@ -46,7 +46,7 @@ def _solve(w, residual, n, tolerance):
         w.x[r] = residual[r]
         for c in range(n):
             w.A[r, c] = w.G[r, c]
-    return solve_in_place(w.A, w.x, w.unit, n, tolerance)
+    return solve_in_place(w.A, w.x, w.unit, n, n, tolerance)
 
 
 @kernel

@@ -161,7 +161,7 @@ def _is_far(m, w):
         w.x[r] = 0.0
         for c in range(m.rows):
             w.A[r, c] = w.G[r, c]
-    return solve_in_place(w.A, w.x, w.unit, m.rows, AROUND ** 2)
+    return solve_in_place(w.A, w.x, w.unit, m.rows, m.rows, AROUND ** 2)
 
 
 @kernel(allocates=True)

@@ -100,7 +100,8 @@ class CoefficientSwitch(GuideFriction):
     Attributes
     ----------
     data : Contacts
-        For `stiction.engines.shared.step_kernels`. Its `loads`, `frictions` and `slip_speeds` are to be set after each step, before `observe`.
+        For `stiction.engines.shared.step_kernels`. Its `loads`, `frictions` and `slip_speeds` are to be set after each
+        step, before `observe`.
     """
 
     def __init__(self, scene: Scene):

@@ -16,6 +16,7 @@ from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTab
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate, minimum_norm
 from stiction.reference_impl.compiled.loops import copy
+from stiction.reference_impl.friction.coulomb import normal_load
 from stiction.reference_impl.multibody.dynamics import applied_forces, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, rotate
 from stiction.reference_impl.multibody.mechanism import Arrays
@@ -344,12 +345,9 @@ def _set_caps(cap):
     """Caps of the attempt that begins; FloatingPointError if a reaction is not finite."""
     for i in range(len(cap.guides)):
         guide = cap.guides[i]
-        load, c = abs(guide.normal_force), guide.coefficient
-        if guide.length > 0.0:
-            direction = -_sign(guide.friction) if guide.stuck else _sign(guide.slip_speed)
-            surfaces = guide.width / 2 * direction * c * guide.normal_force
-            load = max(load, 2 / guide.length * abs(guide.moment + surfaces))
-        guide.cap = c * load
+        direction = -_sign(guide.friction) if guide.stuck else _sign(guide.slip_speed)
+        kappa = -guide.coefficient * direction
+        guide.cap = guide.coefficient * normal_load(guide, guide.normal_force, guide.moment, kappa)
         if not isfinite(guide.cap):
             raise FloatingPointError("a reaction is not finite")
         cap.caps[i] = guide.cap

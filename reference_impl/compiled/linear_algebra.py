@@ -23,6 +23,18 @@ of the order of 1."""
 
 
 @kernel(inline=True)
+def _first(i, band, n):
+    """Return the first place of row i within the band; that of a dense matrix is known to the compiler."""
+    return max(0, i - band) if band < n else 0
+
+
+@kernel(inline=True)
+def _end(i, band, n):
+    """Return the place behind the last of row i within the band."""
+    return min(n, i + band + 1) if band < n else n
+
+
+@kernel(inline=True)
 def eliminate(A, x, unit, n, band, tolerance=RANK_TOLERANCE):
     """Solve the leading n x n part of A for x in place, by elimination with partial pivoting.
 
@@ -31,10 +43,11 @@ def eliminate(A, x, unit, n, band, tolerance=RANK_TOLERANCE):
     singular; `unit` is scratch, of length 2 n at least. Returns False, with A and x destroyed, if a pivot is below
     `tolerance` times the largest one before.
     """
+    filled = 2 * band if band < n else n  # places beyond the diagonal, by exchanges of rows
     for j in range(n):
         unit[j] = 0.0
     for i in range(n):
-        size, low, high = 0.0, max(0, i - band), min(n, i + band + 1)
+        size, low, high = 0.0, _first(i, band, n), _end(i, band, n)
         for j in range(low, high):
             size = max(size, abs(A[i, j]))
         if not 0.0 < size < np.inf:
@@ -43,10 +56,10 @@ def eliminate(A, x, unit, n, band, tolerance=RANK_TOLERANCE):
         for j in range(low, high):
             unit[j] = max(unit[j], abs(A[i, j]) * unit[n + i])
         for j in range(high, min(n, high + band)):
-            A[i, j] = 0.0  # where exchanges of rows fill
+            A[i, j] = 0.0
     largest = 0.0
     for k in range(n):
-        p, size, low, high = k, abs(A[k, k]) * unit[n + k], min(n, k + band + 1), min(n, k + 2 * band + 1)
+        p, size, low, high = k, abs(A[k, k]) * unit[n + k], _end(k, band, n), _end(k, filled, n)
         for i in range(k + 1, low):
             if abs(A[i, k]) * unit[n + i] > size:
                 p, size = i, abs(A[i, k]) * unit[n + i]
@@ -68,7 +81,7 @@ def eliminate(A, x, unit, n, band, tolerance=RANK_TOLERANCE):
                 x[i] -= factor * x[k]
     for k in range(n - 1, -1, -1):
         total = x[k]
-        for j in range(k + 1, min(n, k + 2 * band + 1)):
+        for j in range(k + 1, _end(k, filled, n)):
             total -= A[k, j] * x[j]
         x[k] = total * unit[k]
     return True

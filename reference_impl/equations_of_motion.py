@@ -2,10 +2,10 @@
 
     M q'' = QE + J^T lambda + W_T^T lambda_T,   Phi'' = J q'' + gamma,   g_T'' = W_T q'' + w_T
 
-Every constraint, drive, spring and load is written with points, directions and angles of bodies. Each of these knows its
-Jacobian, rate and centripetal part (`Moving`), and the product rule does the rest. A spring acts by virtual work:
-the generalized force of a tension F in the coordinate s is -F ds/dq. This is another derivation than that of the compiled
-`kinematics` and `dynamics`, which have every row in closed form, so that each can be tested against the other.
+Every constraint, drive, spring and load is written with points, directions and angles of bodies. Each of these knows
+its Jacobian, rate and centripetal part (`Moving`), and the product rule does the rest. A spring acts by virtual work:
+the generalized force of a tension F in the coordinate s is -F ds/dq. This is another derivation than that of the
+compiled `kinematics` and `dynamics`, which have every row in closed form, so that each can be tested against the other.
 """
 
 from __future__ import annotations
@@ -184,7 +184,8 @@ class _Motion:
     v: np.ndarray
 
     def _turning(self, body: str, vector: tuple[float, float]) -> tuple[Moving, int]:
-        """A vector fixed in a body, and the place of the body's coordinates (-1: ground): c' = omega k x c, c'' = -omega^2 c."""
+        """A vector fixed in a body, and the place of the body's coordinates (-1: ground): c' = omega k x c, c'' =
+        -omega^2 c."""
         jacobian = np.zeros((*self.t.shape, 2, self.q.shape[-1]))
         if body == GROUND:
             return Moving(np.zeros((*self.t.shape, 2)) + vector, jacobian, *np.zeros((2, *self.t.shape, 2))), -1
@@ -226,7 +227,8 @@ class _Motion:
         return Moving(value.reshape(self.t.shape), np.zeros_like(self.q), rate.reshape(self.t.shape), second.reshape(self.t.shape))
 
     def driven(self, drive: Drive) -> Moving:
-        """The constraint of a drive; there is no motion, and gamma is nan, where it drives a distance to zero or below."""
+        """The constraint of a drive; there is no motion, and gamma is nan, where it drives a distance to zero or
+        below."""
         law = self.law(drive.law)
         row = self.coordinate(drive) - law
         impossible = (law.value <= 0.0) & (drive.type == "distance" and drive.axis is None)

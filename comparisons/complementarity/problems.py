@@ -30,7 +30,7 @@ from stiction.comparisons.atomic_files import whole_file
 from stiction.scenes import InputError, Scene, Trajectory
 
 if TYPE_CHECKING:
-    from stiction.reference_impl.integration.event_driven import Run
+    from stiction.reference_impl.integration.result import Run
 
 SOLVED, UNSOLVABLE = "solved", "no solution"
 STORED = "hard-problems-3.parquet"

@@ -14,7 +14,8 @@ from stiction.comparisons.truth import (NoMotion, NotThisMechanism, Truth, Truth
                                         slider_bar_truth, slider_crank_truth, trammel_truth)
 from stiction.comparisons.variants import Record, physics_of, truth_key
 from stiction.engines.reference.engine import compile_kernels
-from stiction.reference_impl.integration.event_driven import Run, simulate_event_driven
+from stiction.reference_impl.integration.event_driven import simulate_event_driven
+from stiction.reference_impl.integration.result import Run
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene, scene_to_toml

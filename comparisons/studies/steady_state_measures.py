@@ -17,7 +17,8 @@ from stiction.comparisons.studies.stick_threshold import CREEP_TOLERANCE, SHORTE
 from stiction.comparisons.variants import COMMON_STEP, time_factor
 from stiction.engines.protocol import EVENTS_LOCATED_BY, EngineFailure, Refused
 from stiction.engines.registry import load_engine
-from stiction.reference_impl.integration.event_driven import Integration, Run
+from stiction.reference_impl.integration.event_driven import Integration, Options
+from stiction.reference_impl.integration.result import Run
 from stiction.reference_impl.multibody.initial_state import consistent_start, with_consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import BODY_COLUMNS
@@ -355,8 +356,8 @@ def _window_of_reference(scene: Scene, run: SteadyRun, measures: Sequence[Measur
     columns = {measure.source(scene) for measure in measures if measure.needs}
     columns |= {f"{body}.{label}" for body in scene.bodies
                 for labels in BODY_COLUMNS[:2 if period < np.inf else 3] for label in labels}
-    integration = Integration(mechanism, q, v, instants, run.t_end, run.rtol, STEP_LIMIT, names=columns,
-                              events_behind=float(instants[0]))
+    integration = Integration(mechanism, q, v, instants, run.t_end, run.rtol,
+                              Options(STEP_LIMIT, names=columns, events_behind=float(instants[0])))
     return SteadyWindow(scene, mechanism, integration, _ended(integration.run), True, run.settle, run.t_end, period,
                         run.rtol)
 

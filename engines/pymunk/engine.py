@@ -213,8 +213,7 @@ class _PymunkStepper(Stepper):
 
     def compile(self) -> None:
         if self._bundle is None:
-            self._follow = follow_space.entry
-            self._follow(self._state.motion.address)
+            follow_space(self._state.motion)
             return
         start, motion = self.balance.initial, self._state.motion
         if self._scene.frictional_guides:
@@ -225,9 +224,9 @@ class _PymunkStepper(Stepper):
 
     def begin(self, q: np.ndarray, v: np.ndarray) -> None:
         """Begin the first step of a scene with loads or friction, at these coordinates and velocities."""
-        self._finish = finish_space.entry
+        finish_space.link()
         self._state.restart(q, v)
-        begin_space(self._bundle.address, self._h)
+        begin_space(self._bundle, self._h)
 
     def step(self) -> None:
         self._k += 1
@@ -236,7 +235,7 @@ class _PymunkStepper(Stepper):
         state, grooves = self._state, self._grooves
         if self._bundle is None:
             self._advance()
-            self._follow(state.motion.address)
+            follow_space(state.motion)
             return
         next_t, held = (self._k + 1) * self._h, self.cap.held
         while True:
@@ -245,7 +244,7 @@ class _PymunkStepper(Stepper):
             self._advance()
             for i, groove in enumerate(grooves):
                 held[i] = groove.impulse / self._h
-            if not self._finish(self._bundle.address, next_t):
+            if not finish_space(self._bundle, next_t):
                 return
             state.retreat()
 
@@ -413,7 +412,7 @@ class _ContactStepper(_PymunkStepper):
 
     def compile(self) -> None:
         super().compile()
-        self._finish_contacts = finish_space_contacts.entry
+        finish_space_contacts.link()
         self.friction.begin()
 
     def step(self) -> None:
@@ -423,7 +422,7 @@ class _ContactStepper(_PymunkStepper):
         if self._boxes:
             self._arbiters.clear()
             self._get_arbiters(self._space, self._arbiter_fields, self._arbiters)
-            self._finish_contacts(self._contacts.address)
+            finish_space_contacts(self._contacts)
 
 
 def _arbiter_buffer(count: int) -> tuple[Buffer, np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from stiction.engines.protocol import Capabilities, Engine, check_settings, inst
 from stiction.scenes import Cost, Event, InputError, Scene, Trajectory
 
 if TYPE_CHECKING:
-    from stiction.reference_impl.integration.event_driven import Run
+    from stiction.reference_impl.integration.result import Run
     from stiction.reference_impl.multibody.mechanism import Mechanism
 
 SETTINGS = {"method": "event", "solver": "automatic", "stabilization": "scene", "assemble": False, "event_values": True, "audit": "sampled"}
@@ -82,7 +82,7 @@ class ReferenceEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         from stiction.engines.shared.fixed_step import step_of, steps_between_outputs
-        from stiction.reference_impl.compiled.linked_workspace import clock, compiling_seconds
+        from stiction.reference_impl.compiled.kernel import clock, compiling_seconds
         from stiction.reference_impl.friction.solvers import SOLVERS
         from stiction.reference_impl.integration.event_driven import simulate_event_driven
         from stiction.reference_impl.integration.paper_scheme import simulate_as_paper
@@ -187,7 +187,7 @@ def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, s
     SceneError
         For what the paper does not have; see `stiction.reference_impl.paper`.
     """
-    from stiction.reference_impl.integration.event_driven import Run
+    from stiction.reference_impl.integration.result import Run
     from stiction.reference_impl.multibody.trajectory_columns import build_columns
     from stiction.reference_impl.paper import March, Paper
     from stiction.scenes.trajectory import rows_of

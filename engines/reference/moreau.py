@@ -48,7 +48,7 @@ class MoreauEngine(Engine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        from stiction.reference_impl.compiled.linked_workspace import clock, compiling_seconds
+        from stiction.reference_impl.compiled.kernel import clock, compiling_seconds
         from stiction.reference_impl.integration.moreau import simulate_moreau
         from stiction.reference_impl.multibody.initial_state import consistent_start
         from stiction.reference_impl.multibody.mechanism import Mechanism

@@ -3,8 +3,9 @@
 It tells the error of an engine's equations of motion from that of its stepping. The engine gives accelerations in joint
 coordinates, which fulfil the constraints by themselves. The friction of the guides is decided here, from the reactions
 that belong to those accelerations; the integrator is SciPy's DOP853. While a contact mode lasts, friction is linear in
-the reactions and these in the friction; events are where an event function of `stiction.reference_impl.friction.contact_modes` falls
-through zero at one of the instants of a step at which it is sampled.
+the reactions and these in the friction; events are where an event function of
+`stiction.reference_impl.friction.contact_modes` falls through zero at one of the instants of a step at which it is
+sampled.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from stiction.engines.protocol import EngineFailure
 from stiction.engines.reference.engine import output_times
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, event_functions, friction_coefficients
+from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, event_functions
+from stiction.reference_impl.friction.coulomb import friction_coefficients
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.reactions import recover_columns
@@ -68,7 +70,8 @@ class Accelerations(ABC):
 
 
 class _Mode(NamedTuple):
-    """Per frictional guide: slip -1, 0 (stick), 1, and the signs of its corner forces, shape (frictional, 4), as in `contact_modes`."""
+    """Per frictional guide: slip -1, 0 (stick), 1, and the signs of its corner forces, shape (frictional, 4), as in
+    `contact_modes`."""
 
     slip: np.ndarray
     corner: np.ndarray

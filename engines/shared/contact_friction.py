@@ -1,4 +1,5 @@
-"""Friction of sliders that an engine holds by contacts: what the contacts of each guide tell of it, and the coefficient that they get."""
+"""Friction of sliders that an engine holds by contacts: what the contacts of each guide tell of it, and the coefficient
+that they get."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ class ContactFriction(CoefficientSwitch):
         self._along = [(places[guide.slider], *direction_of(guide)) for guide in scene.frictional_guides.values()]
 
     def forget(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Leave stick open where these coordinates and velocities of the joints have no slip, whatever steps before told."""
+        """Leave stick open where these coordinates and velocities of the joints have no slip, whatever steps before
+        told."""
         _, v, _ = self._tree.motion(position, velocity, self._still)
         self._guides["slip_speed"] = [ux * v[place] + uy * v[place + 1] for place, ux, uy in self._along]
         self._guides["stuck"] = self._guides["change"] = 0

@@ -38,7 +38,8 @@ def several_guides(scene: Scene) -> str | None:
 
 
 def unlike_guides(scene: Scene) -> str | None:
-    """Which body slides in two guides of unlike friction, for engines whose contacts are told by body; None if none does."""
+    """Which body slides in two guides of unlike friction, for engines whose contacts are told by body; None if none
+    does."""
     friction = {name: (guide.mu, guide.static_coefficient) for name, guide in scene.guides.items()}
     return next((f"joints.{name}: its slider slides in joints.{other}, too, with other coefficients; here a body has one friction"
                  for name, other in _of_one_slider(scene) if friction[name] != friction[other]), None)
@@ -64,7 +65,8 @@ def box_angle(guide: Translational) -> float:
 
 
 def slider_box(guide: Translational, clearance: float) -> list[tuple[float, float]]:
-    """Corners of the box in the slider's axes (m), counter-clockwise, around the slider's point; narrower than the guide by the clearance (m)."""
+    """Corners of the box in the slider's axes (m), counter-clockwise, around the slider's point; narrower than the
+    guide by the clearance (m)."""
     angle = box_angle(guide)
     c, s = cos(angle), sin(angle)
     x0, y0 = guide.slider_point

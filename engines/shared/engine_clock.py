@@ -1,9 +1,10 @@
 """What of a run's CPU time is spent inside the engine's own calls.
 
-To ask a system for the CPU time of a process takes 0.8 to 7 us where that is a system call (the more, the busier the machine), as much as a
-step of a small mechanism; to ask for the time of day takes 0.05 us. So the time of day is looked at whenever a run goes into its engine or
-comes out of it, and every half a millisecond the CPU time since is shared out in the proportion of the two. What other processes take falls
-on both sides in proportion to their own time, and one that comes in between spoils the proportion for that half a millisecond alone.
+To ask a system for the CPU time of a process takes 0.8 to 7 us where that is a system call (the more, the busier the
+machine), as much as a step of a small mechanism; to ask for the time of day takes 0.05 us. So the time of day is looked
+at whenever a run goes into its engine or comes out of it, and every half a millisecond the CPU time since is shared out
+in the proportion of the two. What other processes take falls on both sides in proportion to their own time, and one
+that comes in between spoils the proportion for that half a millisecond alone.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from time import perf_counter, process_time
 from typing import Any
 
 INTERVAL = 5e-4
-"""Seconds between two looks at the CPU time: a thousandth of it is spent on them, and a scheduler lets a process run for several of it."""
+"""Seconds between two looks at the CPU time: a thousandth of it is spent on them, and a scheduler lets a process run
+for several of it."""
 
 
 class EngineClock:
@@ -66,7 +68,8 @@ class EngineClock:
         self._since, self._next_look = self._began, self._began + INTERVAL
 
     def _share_out(self, now: float) -> None:
-        """Give the engine its part of the CPU time of the interval that ends. The look itself is in none: it is where another process may come in."""
+        """Give the engine its part of the CPU time of the interval that ends. The look itself is in none: it is where
+        another process may come in."""
         spent = process_time()
         if now > self._began:
             self._engine_s += (spent - self._spent) * self._inside / (now - self._began)

@@ -49,8 +49,8 @@ class Stepper(ABC):
         Whether each pass has a solution of the balance of momentum, for the friction bound.
     settling : int
         Samples at the start whose acceleration and friction are those of the one behind them. For engines that hold
-        constraints by velocities: their first steps turn the consistent start into velocities that lead the next position back
-        onto the constraints, and their accelerations, off by O(1), are not the motion's.
+        constraints by velocities: their first steps turn the consistent start into velocities that lead the next
+        position back onto the constraints, and their accelerations, off by O(1), are not the motion's.
     """
 
     settling = 0
@@ -212,9 +212,11 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
 
 
 def _held_too(scene: Scene, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float) -> np.ndarray:
-    """Guides at their bound that are at rest, shape (n, frictional): another guide is held (its friction is nan), and a step moves them by less than rounding.
+    """Guides at their bound that are at rest, shape (n, frictional): another guide is held (its friction is nan), and a
+    step moves them by less than rounding.
 
-    Where guides share a friction at rest the engine gives some of them their bound; the sign of a velocity of 1e-20 m/s is no direction of slip.
+    Where guides share a friction at rest the engine gives some of them their bound; the sign of a velocity of 1e-20 m/s
+    is no direction of slip.
     """
     if friction.shape[1] < 2:
         return np.zeros(friction.shape, dtype=bool)

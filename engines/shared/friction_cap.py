@@ -100,7 +100,8 @@ class CoefficientSwitch(GuideFriction):
     Attributes
     ----------
     data : Contacts
-        For `stiction.engines.shared.step_kernels`. Its `loads`, `frictions` and `slip_speeds` are to be set after each step, before `observe`.
+        For `stiction.engines.shared.step_kernels`. Its `loads`, `frictions` and `slip_speeds` are to be set after each
+        step, before `observe`.
     """
 
     def __init__(self, scene: Scene):
@@ -112,7 +113,7 @@ class CoefficientSwitch(GuideFriction):
     def begin(self) -> None:
         """Begin the first step."""
         finish_contacts.link()
-        begin_contacts(self.data.address)
+        begin_contacts(self.data)
 
     def coefficients(self) -> list[float]:
         """Per frictional guide, for the next step."""
@@ -120,4 +121,4 @@ class CoefficientSwitch(GuideFriction):
 
     def observe(self) -> None:
         """Take in a step."""
-        finish_contacts(self.data.address)
+        finish_contacts(self.data)

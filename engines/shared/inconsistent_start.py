@@ -8,8 +8,8 @@ from stiction.engines.protocol import Declined
 from stiction.scenes import Scene
 
 OFF = 1e-6
-"""Of the mechanism's size, its rates of size per second or the largest speed, that of turning at the distance of its size
-included: a start that is farther off is refused. Scenes of the reference are met to 1e-9 of it
+"""Of the mechanism's size, its rates of size per second or the largest speed, that of turning at the distance of its
+size included: a start that is farther off is refused. Scenes of the reference are met to 1e-9 of it
 (`stiction.reference_impl.multibody.initial_state.CONSISTENT`), which engines in single precision cannot see."""
 
 

@@ -1,4 +1,5 @@
-"""What engines share that know a mechanism as a tree of links (`stiction.engines.shared.link_tree`) with motors in its joints.
+"""What engines share that know a mechanism as a tree of links (`stiction.engines.shared.link_tree`) with motors in its
+joints.
 
 A step from t to t + h solves for the accelerations at q(t) under the loads at t, then v(t+h) = v(t) + h a and
 q(t+h) = q(t) + h v(t+h). So a sample at t holds the acceleration of the step that begins at t.
@@ -82,7 +83,8 @@ class TreeStepper(Stepper):
     passes : int
         As of `FrictionCap`.
     capped : bool
-        Whether the engine holds the joints of frictional guides by a friction with an upper bound; else its contacts find their friction.
+        Whether the engine holds the joints of frictional guides by a friction with an upper bound; else its contacts
+        find their friction.
 
     Attributes
     ----------
@@ -91,7 +93,8 @@ class TreeStepper(Stepper):
     start : tuple of ndarray, each of shape (links,)
         The same at the beginning of the step.
     coordinates, loads : ndarray, shape (3 * bodies,)
-        Coordinates of the bodies at the beginning of the step, and applied forces in it, weight apart; where anything is `loaded`.
+        Coordinates of the bodies at the beginning of the step, and applied forces in it, weight apart; where anything
+        is `loaded`.
     friction_links : list of int
         Link of each guide with a bound.
     held : ndarray, shape (frictional,)
@@ -127,10 +130,10 @@ class TreeStepper(Stepper):
             cap=self._cap.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data_of_its_own(), links=np.array(self.friction_links, dtype=np.int64),
             signs=np.array(signs, dtype=float), position=position, velocity=velocity, start_position=self.start[0], start_velocity=self.start[1],
             last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates, v=v, a=a)
-        self._address = self._bundle.address
 
     def add_drives(self, scene: Scene) -> None:
-        """Give each drive's joint its motor, by `drive_rate`: at constant rate left alone, otherwise set so that each step ends on the law."""
+        """Give each drive's joint its motor, by `drive_rate`: at constant rate left alone, otherwise set so that each
+        step ends on the law."""
         for drive in scene.drives.values():
             link, sign = driven_link(scene, self.tree, drive)
             if isinstance(drive.law, (Constant, Linear)):
@@ -144,7 +147,8 @@ class TreeStepper(Stepper):
 
     @abstractmethod
     def advance(self, caps: Sequence[float]) -> None:
-        """One pass of the engine with these bounds of `friction_links` (N), under `loads`; sets position, velocity and `held`."""
+        """One pass of the engine with these bounds of `friction_links` (N), under `loads`; sets position, velocity and
+        `held`."""
 
     @abstractmethod
     def retreat(self) -> None:
@@ -153,13 +157,13 @@ class TreeStepper(Stepper):
     def compile(self) -> None:
         begin_joints.link()
         motion.link()
-        self._finish = finish_joints.entry
+        finish_joints.link()
         self.begin()
         self.friction.begin()
 
     def begin(self) -> None:
         """Begin the first step, from `position` and `velocity`."""
-        begin_joints(self._address, 0.0)
+        begin_joints(self._bundle, 0.0)
 
     def step(self) -> None:
         if self._followed:
@@ -170,7 +174,7 @@ class TreeStepper(Stepper):
         next_t = self._k * self.h
         while True:
             self.advance(self._cap.caps())
-            if not self._finish(self._address, next_t):
+            if not finish_joints(self._bundle, next_t):
                 return
             self.retreat()
 
@@ -208,7 +212,8 @@ class TreeAccelerations(Accelerations):
 
     @abstractmethod
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mass matrix, shape (links, links), and the joint forces that these accelerations take under gravity, shape (links,)."""
+        """Mass matrix, shape (links, links), and the joint forces that these accelerations take under gravity, shape
+        (links,)."""
 
     def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         position, velocity, driven = self._joints(t, x, rate, np.zeros(len(x)))

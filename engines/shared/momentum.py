@@ -56,7 +56,7 @@ class MomentumBalance:
 
         The array is written anew by each call.
         """
-        applied_loads(self.data.address, t, q, v, ahead)
+        applied_loads(self.data, t, q, v, ahead)
         return self.data.loads
 
     def assemble(self, t: float, q: np.ndarray, v: np.ndarray) -> None:

@@ -1,8 +1,8 @@
 """What adapters call at each step of their engine, compiled: balance of momentum, friction bound, forward kinematics.
 
-An engine's step of a small mechanism takes some microseconds, as long as a few operations on small arrays in Python, and as long as ten arrays take
-from Python to a kernel. So a step has one kernel, which ends it and begins the next one; it gets the address of a bundle, and a time. The
-kernels stand in one file because the cache of `kernel` looks at the file of the function that is called.
+An engine's step of a small mechanism takes some microseconds, as long as a few operations on small arrays in Python. So
+a step has one kernel, which ends it and begins the next one. The kernels stand in one file because the cache of
+`kernel` looks at the file of the function that is called.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from typing import Annotated
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals, Table, pointer_to
+from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate, minimum_norm
 from stiction.reference_impl.compiled.loops import copy
+from stiction.reference_impl.friction.coulomb import normal_load
 from stiction.reference_impl.multibody.dynamics import applied_forces, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, rotate
 from stiction.reference_impl.multibody.mechanism import Arrays
@@ -23,7 +24,8 @@ from stiction.reference_impl.multibody.mechanism import Arrays
 SATURATED = 1.0 - 1e-6
 """Of the cap: friction above it slips. Above the engines' solver residuals (1e-9), below any load that matters."""
 FIRST_PASSES = 3
-"""Attempts of the first steps at least, which have no reactions of a step before: with two the friction of two guides that load each other is off by the root of the step."""
+"""Attempts of the first steps at least, which have no reactions of a step before: with two the friction of two guides
+that load each other is off by the root of the step."""
 LOOK_AHEAD = 1.5
 """A reversal is expected within this many steps at the last step's change of velocity."""
 
@@ -31,8 +33,8 @@ GUIDE = np.dtype([("mu", float), ("mus", float), ("length", float), ("width", fl
                   ("normal_force", float), ("moment", float), ("friction", float), ("stuck", np.int64), ("landed", np.int64),
                   ("slip_speed", float), ("slip_speed_before", float), ("change", float), ("mode", np.int64), ("mode_before", np.int64),
                   ("coefficient", float), ("cap", float)])
-"""A frictional guide (m; length 0: without) and what the last step told of it: N, N m, m/s; `change` of the slip speed in it;
-`mode` -1, 0 (stick), 1 in it, and in the one before."""
+"""A frictional guide (m; length 0: without) and what the last step told of it: N, N m, m/s; `change` of the slip speed
+in it; `mode` -1, 0 (stick), 1 in it, and in the one before."""
 Guides = Annotated[np.ndarray, GUIDE, 1]
 ATTEMPTS = np.dtype([("left", np.int64), ("first", np.int64)])
 """Of a step: attempts that are left of it, and steps that are still among the first."""
@@ -79,7 +81,8 @@ class Balance(Bundle):
 
 
 class Cap(Bundle):
-    """Guides whose friction is capped, of a balance: attempts at an undecided step, those that are left, caps and frictions held (frictional,), N."""
+    """Guides whose friction is capped, of a balance: attempts at an undecided step, those that are left, caps and
+    frictions held (frictional,), N."""
 
     balance: Balance
     guides: Guides
@@ -90,8 +93,8 @@ class Cap(Bundle):
 
 
 class Contacts(Bundle):
-    """Guides whose friction the engine finds itself, and what its last step told of them, (frictional,): sums over the contacts of the largest
-    possible and of the actual magnitude of friction (N), and slip speeds (m/s)."""
+    """Guides whose friction the engine finds itself, and what its last step told of them, (frictional,): sums over the
+    contacts of the largest possible and of the actual magnitude of friction (N), and slip speeds (m/s)."""
 
     guides: Guides
     loads: Reals
@@ -100,8 +103,9 @@ class Contacts(Bundle):
 
 
 class Tree(Bundle):
-    """Tables of the links of `stiction.engines.shared.link_tree`, the link of each body, and room for the links' motion: q, v, a (links, 3), and
-    `arm` (links, 6), in ground axes: from the parent's centre of mass to the joint, along the guide, and from the own centre of mass to the joint."""
+    """Tables of the links of `stiction.engines.shared.link_tree`, the link of each body, and room for the links'
+    motion: q, v, a (links, 3), and `arm` (links, 6), in ground axes: from the parent's centre of mass to the joint,
+    along the guide, and from the own centre of mass to the joint."""
 
     parent: Integers
     slides: Integers
@@ -165,7 +169,8 @@ class SpaceContacts(Bundle):
     contacts : Contacts
     motion : SpaceMotion
     slider : (frictional,)
-        Body of each guide's slider, in `identity` the engine's name for it, in `along` (frictional, 2) the unit vector of the guide.
+        Body of each guide's slider, in `identity` the engine's name for it, in `along` (frictional, 2) the unit vector
+        of the guide.
     touching : (pairs, 2)
         Names of the two bodies of a pair.
     impulse : (pairs, 4)
@@ -222,11 +227,6 @@ class JointStep(Bundle):
     a: Reals
 
 
-_balance, _space_motion = pointer_to(Balance), pointer_to(SpaceMotion)
-_space_step, _joint_step = pointer_to(SpaceStep), pointer_to(JointStep)
-_contacts, _space_contacts = pointer_to(Contacts), pointer_to(SpaceContacts)
-
-
 @kernel
 def _place(balance, q, v, ahead):
     for i in range(len(q)):
@@ -234,9 +234,9 @@ def _place(balance, q, v, ahead):
 
 
 @kernel
-def applied_loads(address: int, t: float, q: Reals, v: Reals, ahead: float) -> None:
-    """Applied forces without weight into the loads of a `Balance`, at q + ahead v."""
-    _find_loads(_balance(address), t, q, v, ahead)
+def applied_loads(balance: Balance, t: float, q: Reals, v: Reals, ahead: float) -> None:
+    """Applied forces without weight into the loads of a balance, at q + ahead v."""
+    _find_loads(balance, t, q, v, ahead)
 
 
 @kernel
@@ -301,7 +301,7 @@ def row_forces(balance: Balance, a: Reals) -> None:
         for j in range(n):
             system[i, j] = w.G[unknown[i], unknown[j]]
             work[i, j] = system[i, j]
-    if eliminate(work, solution, balance.unit, n):
+    if eliminate(work, solution, balance.unit, n, n):
         for i in range(n):
             force[unknown[i]] = solution[i]
         return
@@ -345,12 +345,9 @@ def _set_caps(cap):
     """Caps of the attempt that begins; FloatingPointError if a reaction is not finite."""
     for i in range(len(cap.guides)):
         guide = cap.guides[i]
-        load, c = abs(guide.normal_force), guide.coefficient
-        if guide.length > 0.0:
-            direction = -_sign(guide.friction) if guide.stuck else _sign(guide.slip_speed)
-            surfaces = guide.width / 2 * direction * c * guide.normal_force
-            load = max(load, 2 / guide.length * abs(guide.moment + surfaces))
-        guide.cap = c * load
+        direction = -_sign(guide.friction) if guide.stuck else _sign(guide.slip_speed)
+        kappa = -guide.coefficient * direction
+        guide.cap = guide.coefficient * normal_load(guide, guide.normal_force, guide.moment, kappa)
         if not isfinite(guide.cap):
             raise FloatingPointError("a reaction is not finite")
         cap.caps[i] = guide.cap
@@ -370,7 +367,8 @@ def _begin(cap, t, q, v, ahead):
 
 @kernel
 def _judge(cap, a):
-    """Take in an attempt, whose slip speeds the guides have, and its accelerations; whether the step is to be repeated."""
+    """Take in an attempt, whose slip speeds the guides have, and its accelerations; whether the step is to be
+    repeated."""
     guides, balance, m, attempts = cap.guides, cap.balance, cap.balance.m, cap.attempts
     for i in range(len(guides)):
         guide = guides[i]
@@ -412,21 +410,20 @@ def _observe(contacts):
 
 
 @kernel
-def begin_contacts(address: int) -> None:
-    """Begin the first step of `Contacts`."""
-    _choose(_contacts(address).guides)
+def begin_contacts(contacts: Contacts) -> None:
+    """Begin the first step of contacts."""
+    _choose(contacts.guides)
 
 
 @kernel
-def finish_contacts(address: int) -> None:
-    """Take in a step of `Contacts`; the next one has begun."""
-    _observe(_contacts(address))
+def finish_contacts(contacts: Contacts) -> None:
+    """Take in a step of contacts; the next one has begun."""
+    _observe(contacts)
 
 
 @kernel
-def finish_space_contacts(address: int) -> None:
-    """Take in a step of `SpaceContacts`, and forget its impulses; the next one has begun."""
-    step = _space_contacts(address)
+def finish_space_contacts(step: SpaceContacts) -> None:
+    """Take in a step, and forget its impulses; the next one has begun."""
     contacts, motion, touching, impulse = step.contacts, step.motion, step.touching, step.impulse
     for i in range(len(contacts.guides)):
         along, across, v = 0.0, 0.0, 3 * step.slider[i]
@@ -459,9 +456,8 @@ def _keep_space(motion):
 
 
 @kernel
-def follow_space(address: int) -> None:
-    """Take in a step of a `SpaceMotion` on which nothing depends."""
-    motion = _space_motion(address)
+def follow_space(motion: SpaceMotion) -> None:
+    """Take in a step on which nothing depends."""
     _read_space(motion)
     _keep_space(motion)
 
@@ -478,17 +474,15 @@ def _begin_space(step, t):
 
 
 @kernel
-def begin_space(address: int, t: float) -> None:
-    """Begin the first step of a `SpaceStep`, which ends at t."""
-    step = _space_step(address)
+def begin_space(step: SpaceStep, t: float) -> None:
+    """Begin the first step, which ends at t."""
     _read_space(step.motion)
     _begin_space(step, t)
 
 
 @kernel
-def finish_space(address: int, t: float) -> bool:
-    """Take in a pass of a `SpaceStep`: whether the step is to be repeated. If not, the next one, which ends at t, has begun."""
-    step = _space_step(address)
+def finish_space(step: SpaceStep, t: float) -> bool:
+    """Take in a pass; True if the step is to be repeated. If not, the next one, which ends at t, has begun."""
     motion, balance, guides = step.motion, step.cap.balance, step.cap.guides
     _read_space(motion)
     for i in range(len(guides)):
@@ -577,15 +571,14 @@ def _begin_joints(step, t):
 
 
 @kernel
-def begin_joints(address: int, t: float) -> None:
-    """Begin the first step of a `JointStep`, at t."""
-    _begin_joints(_joint_step(address), t)
+def begin_joints(step: JointStep, t: float) -> None:
+    """Begin the first step, at t."""
+    _begin_joints(step, t)
 
 
 @kernel
-def finish_joints(address: int, t: float) -> bool:
-    """Take in a pass of a `JointStep`: whether the step is to be repeated. If not, the next one has begun, at t."""
-    step = _joint_step(address)
+def finish_joints(step: JointStep, t: float) -> bool:
+    """Take in a pass; True if the step is to be repeated. If not, the next one has begun, at t."""
     guides, before = step.cap.guides, step.start_velocity
     for i in range(len(step.velocity)):
         step.acceleration[i] = (step.velocity[i] - before[i]) / step.h

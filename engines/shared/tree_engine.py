@@ -20,8 +20,9 @@ from stiction.scenes import Scene, Trajectory
 
 
 def tree_of(scene: Scene, fidelity: str) -> LinkTree:
-    """The scene's tree of links. At contact fidelity guides are no joints, and each slider is the root of a tree of its own: what a step leaves of J' v, J the
-    Jacobian of the contacts at its start, would move a slider that hangs on a turning body along its surface, and off it."""
+    """The scene's tree of links. At contact fidelity guides are no joints, and each slider is the root of a tree of its
+    own: what a step leaves of J' v, J the Jacobian of the contacts at its start, would move a slider that hangs on a
+    turning body along its surface, and off it."""
     if fidelity == "joint":
         return LinkTree(scene)
     return LinkTree(scene, frozenset(scene.guides), tuple(guide.slider for guide in scene.guides.values()))
@@ -30,8 +31,9 @@ def tree_of(scene: Scene, fidelity: str) -> LinkTree:
 class TreeEngine(Engine):
     """An engine that steps the joints of a tree of links, and whose accelerations can be integrated.
 
-    ``method="accelerations"``, joint fidelity, mechanisms without loops: mass matrix and bias forces are the engine's, the integration to `rtol` with located
-    events is ours (`stiction.engines.shared.acceleration_integrator`). It has no other settings and no `dt`.
+    ``method="accelerations"``, joint fidelity, mechanisms without loops: mass matrix and bias forces are the engine's,
+    the integration to `rtol` with located events is ours (`stiction.engines.shared.acceleration_integrator`). It has no
+    other settings and no `dt`.
 
     Attributes
     ----------
@@ -75,7 +77,8 @@ class TreeEngine(Engine):
 
     @abstractmethod
     def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
-        """The engine's own steps of h seconds, for as long as they are taken; InputError for a setting out of its range."""
+        """The engine's own steps of h seconds, for as long as they are taken; InputError for a setting out of its
+        range."""
 
     @abstractmethod
     def accelerations(self, scene: Scene, tree: LinkTree) -> AbstractContextManager[TreeAccelerations]:

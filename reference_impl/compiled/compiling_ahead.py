@@ -1,7 +1,8 @@
 """Kernels that a run will call for, compiled before it by two processes.
 
-Each kernel is compiled when it is called first, if nothing else is done. Here a second process begins at the other end of a list of them, and what one has
-compiled the other finds on disk. The longest stand at both ends, so that where they meet little is compiled twice.
+Each kernel is compiled when it is called first, if nothing else is done. Here a second process begins at the other end
+of a list of them, and what one has compiled the other finds on disk. The longest stand at both ends, so that where they
+meet little is compiled twice.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from stiction.reference_impl.compiled.linked_workspace import Linked, linked_kernels
+from stiction.reference_impl.compiled.kernel import Linked, linked_kernels
 
 
 def compile_ahead(kernels: Sequence[Linked]) -> None:
@@ -39,31 +40,40 @@ def compile_all() -> None:
 
 
 def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
-    """What all runs of the event-driven method call for, with frictional guides or without, and with projection or without."""
+    """Return the kernels that all runs of the event-driven method call for, with frictional guides or without, and with
+    projection or without."""
     from stiction.reference_impl.compiled import linear_algebra
-    from stiction.reference_impl.friction import contact_modes, contact_solvers, guides_at_rest, hlcp, lemke, mode_transition, uniqueness
+    from stiction.reference_impl.friction import (contact_modes, contact_solvers, guides_at_rest, hlcp, lemke,
+                                                  mode_transition, uniqueness)
     from stiction.reference_impl.integration import event_driven, event_location, integration_state, right_hand_side
     from stiction.reference_impl.multibody import dynamics, projection, singular_positions, trajectory_columns
 
-    always = (event_driven._locate, event_driven._attempt, dynamics.row_form, right_hand_side.right_hand_side, integration_state._stages, event_driven._propose,
-              event_driven._emit_here, event_driven._refresh, event_driven.integrate, event_driven._emit_inside, uniqueness.gain_of_mode)
-    rest = trajectory_columns.write_sample, trajectory_columns.residual_norms, event_driven._commit, contact_modes.solve_mode, *((projection.project, projection._correct) if projects else ())
+    always = (event_driven._locate, event_driven._attempt, dynamics.row_form, right_hand_side.right_hand_side,
+              integration_state._stages, event_driven._propose, event_driven._emit_here, event_driven._refresh,
+              event_driven.integrate, event_driven._emit_inside, uniqueness.gain_of_mode)
+    rest = (trajectory_columns.write_sample, trajectory_columns.residual_norms, event_driven._commit,
+            contact_modes.solve_mode, *((projection.project, projection._correct) if projects else ()))
     if not friction:
         return (*always, *rest, linear_algebra.solve_in_place, singular_positions.error_along_motion)
-    return (event_driven._switch_mode, hlcp.solve, hlcp.assemble, *always, event_location.zero_near_end, event_location._stays_positive,
-            uniqueness.has_several, uniqueness._cell_has_several, mode_transition._settle, event_driven._begin, event_driven.begin_mode, event_driven._is_held,
-            event_location.go_to_event, contact_solvers.solve_contact, uniqueness._gain_of_cell, uniqueness.friction_gain,
-            event_driven._come_to_rest, guides_at_rest.rest_together, guides_at_rest._rest_together, guides_at_rest._unit_rows, event_driven._break_away,
-            guides_at_rest.leave_together, guides_at_rest._leave_together, event_driven._count_other_modes, mode_transition.other_modes,
-            mode_transition._other_modes, linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale, hlcp._multiply, hlcp._violation, *rest, mode_transition.choose_mode,
-            trajectory_columns.imbalance)
+    return (event_driven._switch_mode, hlcp.solve, hlcp.assemble, *always,
+            event_location.zero_near_end, event_location._stays_positive, uniqueness.has_several,
+            uniqueness._cell_has_several, mode_transition._settle, event_driven._begin, event_driven.begin_mode,
+            event_driven._is_held, event_location.go_to_event, contact_solvers.solve_contact, uniqueness._gain_of_cell,
+            uniqueness.friction_gain, event_driven._come_to_rest, guides_at_rest.rest_together,
+            guides_at_rest._rest_together, guides_at_rest._unit_rows, event_driven._break_away,
+            guides_at_rest.leave_together, guides_at_rest._leave_together,
+            event_driven._count_other_modes, mode_transition.other_modes, mode_transition._other_modes,
+            linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale, hlcp._multiply, hlcp._violation,
+            *rest, mode_transition.choose_mode, trajectory_columns.imbalance)
 
 
 def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:
-    """A process that compiles them from the last to the first; none where it cannot be started. What it fails at, this one will say."""
+    """A process that compiles them from the last to the first; none where it cannot be started. What it fails at, this
+    one will say."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:
-        return subprocess.Popen([sys.executable or "", "-m", __name__, str(os.getpid()), *(kernel.name for kernel in reversed(kernels))], env=environment,
+        names = [kernel.name for kernel in reversed(kernels)]
+        return subprocess.Popen([sys.executable or "", "-m", __name__, str(os.getpid()), *names], env=environment,
                                 stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     except OSError:
         return None

@@ -1,8 +1,8 @@
-"""Machine code of kernels on disk.
+"""Folders for the machine code of kernels, which numba's own cache keeps on disk.
 
-A file has the code of one kernel for one set of argument types. Its name says what it was made from and for: the kernel, a stamp of the sources, and one of
-Python, numba, processor and types. So nothing has to be looked up, no index can be wrong, and processes that write at once write
-the same. Its first bytes are the digest of the rest: what is cut off or damaged is not read, and compiled anew.
+numba compares the source file of the function alone: a caller would go on with the machine code of a changed callee. So
+each set of sources, and each processor, has a folder of its own, named by their digests. Folders of earlier sources are
+removed.
 """
 
 from __future__ import annotations
@@ -12,107 +12,107 @@ import hashlib
 import logging
 import os
 import pickle
+import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
-import llvmlite
+import llvmlite.binding
 import numba
-from numba.core import config
-from numba.core.caching import NullCache
-from numba.core.compiler import CompileResult
-from numba.core.runtime import rtsys
-from numba.core.serialize import dumps
+from numba import config, njit
 
 _log = logging.getLogger("stiction")
-_DIGEST = hashlib.sha256().digest_size
+DAMAGED = pickle.UnpicklingError, AttributeError, EOFError, ImportError, IndexError, ValueError
+"""Errors that Python's pickle lists for files that are cut off or overwritten; numba passes them on."""
 
 
-class KernelCache(NullCache):
-    """Of one kernel, in the place of numba's own.
-
-    Parameters
-    ----------
-    source : Path
-        File of the kernel.
-    name : str
-        Of the kernel, unique in that file.
-    stamp : str
-        Of all sources that its machine code depends on.
-    """
-
-    def __init__(self, source: Path, name: str, stamp: str):
-        self._source, self._name, self._stamp = source, f"{source.stem}.{name}".replace("<", "").replace(">", ""), stamp[:16]
-
-    def load_overload(self, types: Any, context: Any) -> CompileResult | None:
-        """The compiled kernel for these argument types; None if it is not there, or its file is damaged."""
-        rtsys.initialize(context)  # all of numba's declarations, which take longer to import than the kernels to load, are for compiling
-        name = self._file_name(types, context.codegen())
-        for folder in self._where():
-            if (data := _read(folder / name)) is not None:
-                return CompileResult._rebuild(context, *pickle.loads(data))
-        return None
-
-    def has(self, types: Any, context: Any) -> bool:
-        """Whether there is a file for these argument types."""
-        name = self._file_name(types, context.codegen())
-        return any((folder / name).is_file() for folder in self._where())
-
-    def save_overload(self, types: Any, compiled: CompileResult) -> None:
-        """Write it where it can be written: beside the source, in the user's cache, or in a temporary folder."""
-        name, data = self._file_name(types, compiled.codegen), dumps(compiled._reduce())
-        for folder in _folders(self._source.parent):
-            if self._write(folder, name, data):
-                return
-        for folder in _temporary_folder():
-            if self._write(folder, name, data):
-                _note(f"compiled kernels are kept in {folder}, until that is cleared: neither {self._source.parent} nor a cache of the user can "
-                      "be written; set NUMBA_CACHE_DIR to a folder that can")
-                return
-        _note("compiled kernels are not kept: no folder can be written; set NUMBA_CACHE_DIR to one that can")
-
-    def _where(self) -> Iterator[Path]:
-        yield from _folders(self._source.parent)
-        yield from _temporary_folder()
-
-    def _file_name(self, types: Any, codegen: Any) -> str:
-        made_for = (sys.implementation.cache_tag, sys.abiflags, numba.__version__, llvmlite.__version__, codegen.magic_tuple(), str(types))
-        return f"{self._name}.{self._stamp}.{hashlib.sha256(repr(made_for).encode()).hexdigest()[:16]}.nbc"
-
-    def _write(self, folder: Path, name: str, data: bytes) -> bool:
-        """Whether it could be written. What was made from other sources is removed."""
-        part = folder / f"{name}.{uuid4().hex}"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            try:
-                part.write_bytes(hashlib.sha256(data).digest() + data)
-                part.replace(folder / name)
-            finally:
-                part.unlink(missing_ok=True)
-            for stale in folder.glob(f"{glob.escape(self._name)}.*"):
-                if not stale.name.startswith(f"{self._name}.{self._stamp}."):
-                    stale.unlink(missing_ok=True)
-        except OSError:
-            return False
-        return True
-
-
-def _read(file: Path) -> bytes | None:
+def kept(function: Callable, **options: Any) -> Any:
+    """Return numba's dispatcher of a function, whose machine code stays on disk where a folder can be written."""
+    folder = _folder_of(Path(function.__code__.co_filename))
+    if folder is None:
+        return njit(**options)(function)
+    chosen, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # numba reads it here, once for each dispatcher
     try:
-        content = file.read_bytes()
+        return njit(cache=True, **options)(function)
+    finally:
+        config.CACHE_DIR = chosen
+
+
+def files_of(dispatcher: Any) -> list[Path]:
+    """Return the files that numba's cache has of a dispatcher."""
+    if not dispatcher.stats.cache_path:
+        return []
+    function = dispatcher.py_func
+    name = glob.escape(f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}")
+    return list(Path(dispatcher.stats.cache_path).glob(f"{name}-*"))
+
+
+def repeat_if_damaged(dispatcher: Any, action: Callable[[], Any]) -> Any:
+    """Return the result of an action that loads a dispatcher's machine code; files that cannot be read are removed and
+    made anew."""
+    try:
+        return action()
+    except DAMAGED:
+        for file in files_of(dispatcher):
+            file.unlink(missing_ok=True)
+        return action()
+
+
+def _folder_of(source: Path) -> Path | None:
+    """Return the folder for the kernels of a source file; None where none can be written."""
+    stamp = hashlib.sha256(_package_stamp() + source.read_bytes()).hexdigest()[:16]
+    name = f"kernels-{source.stem}-{stamp}-{hashlib.sha256(repr(_target()).encode()).hexdigest()[:16]}"
+    for root in _user_folders(source.parent):
+        if _prepare(root, source.stem, name):
+            return root / name
+    for root in _temporary_folder():
+        is_new = not (root / name).is_dir()
+        if not _prepare(root, source.stem, name):
+            continue
+        if is_new:
+            _note(f"compiled kernels are kept in {root}, until that is cleared: neither {source.parent} nor a cache of "
+                  "the user can be written; set NUMBA_CACHE_DIR to a folder that can")
+        return root / name
+    _note("compiled kernels are not kept: no folder can be written; set NUMBA_CACHE_DIR to one that can")
+    return None
+
+
+def _prepare(root: Path, stem: str, name: str) -> bool:
+    """Make a folder, and remove those of earlier sources; False if it cannot be written."""
+    folder = root / name
+    try:
+        if not folder.is_dir():
+            folder.mkdir(parents=True, exist_ok=True)
+            for stale in root.glob(f"kernels-{glob.escape(stem)}-*-*"):
+                if not stale.name.startswith(name[:-16]):
+                    shutil.rmtree(stale, ignore_errors=True)
+        tempfile.TemporaryFile(dir=folder).close()
     except OSError:
-        return None
-    data = content[_DIGEST:]
-    return data if hashlib.sha256(data).digest() == content[:_DIGEST] else None
+        return False
+    return True
 
 
 @cache
-def _folders(sources: Path) -> tuple[Path, ...]:
-    """Where machine code of a folder of sources is kept, the first choice first."""
+def _package_stamp() -> bytes:
+    sources = sorted(Path(__file__).parents[1].rglob("*.py"))
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).digest()
+
+
+def _target() -> tuple[str, ...]:
+    """Return all that machine code depends on besides the sources."""
+    features = config.CPU_FEATURES
+    if features is None:
+        features = llvmlite.binding.get_host_cpu_features().flatten()
+    return (sys.implementation.cache_tag, sys.abiflags, numba.__version__, llvmlite.__version__,
+            config.CPU_NAME or llvmlite.binding.get_host_cpu_name(), features)
+
+
+@cache
+def _user_folders(sources: Path) -> tuple[Path, ...]:
+    """Return where the kernels of a folder of sources are kept, the first choice first."""
     own = f"{sources.name}-{hashlib.sha256(str(sources).encode()).hexdigest()[:16]}"
     if config.CACHE_DIR:
         return (Path(config.CACHE_DIR) / own,)
@@ -121,14 +121,15 @@ def _folders(sources: Path) -> tuple[Path, ...]:
 
 
 def _temporary_folder() -> Iterator[Path]:
-    """A folder that nobody else can write, since what it holds is executed; none where there is no such."""
+    """Yield a folder that no other user can write, since what it holds is executed; none where there is no such."""
     try:
         folder = Path(tempfile.gettempdir()) / f"stiction-{os.getuid() if hasattr(os, 'getuid') else 'kernels'}"
         folder.mkdir(mode=0o700, exist_ok=True)
         found = folder.lstat()
     except OSError:
         return
-    if not hasattr(os, "getuid") or found.st_uid == os.getuid() and not found.st_mode & 0o022 and folder.is_dir() and not folder.is_symlink():
+    own = not hasattr(os, "getuid") or found.st_uid == os.getuid() and not found.st_mode & 0o022
+    if own and folder.is_dir() and not folder.is_symlink():
         yield folder
 
 

@@ -12,73 +12,42 @@ RANK_TOLERANCE = 1e-11
 constraints leave pivots of 1e-16 to 1e-14; a mechanism 1e-5 rad from a singular position leaves 1e-10."""
 
 ELIMINATION = 1e-6
-"""A pivot of G = J M^-1 J^T of constraints alone, relative to the largest one, below which forces are found from J M^-1/2 instead:
-elimination leaves an error of rounding over pivot, 1e-10; one 1e-3 rad from a singular position is of this size."""
+"""A pivot of G = J M^-1 J^T of constraints alone, relative to the largest one, below which forces are found from J
+M^-1/2 instead: elimination leaves an error of rounding over pivot, 1e-10; one 1e-3 rad from a singular position is of
+this size."""
 
 CONTRADICTION = 1e-3
-"""Part of the largest right-hand side that no x can give, beyond which redundant equations contradict each other, as those of
-two drives of one coordinate do. Consistent ones leave rounding over RANK_TOLERANCE, 1e-5; contradictory ones of the order of 1."""
+"""Part of the largest right-hand side that no x can give, beyond which redundant equations contradict each other, as
+those of two drives of one coordinate do. Consistent ones leave rounding over RANK_TOLERANCE, 1e-5; contradictory ones
+of the order of 1."""
 
 
 @kernel(inline=True)
-def eliminate(A, x, unit, n, tolerance=RANK_TOLERANCE):
+def _first(i, band, n):
+    """Return the first place of row i within the band; that of a dense matrix is known to the compiler."""
+    return max(0, i - band) if band < n else 0
+
+
+@kernel(inline=True)
+def _end(i, band, n):
+    """Return the place behind the last of row i within the band."""
+    return min(n, i + band + 1) if band < n else n
+
+
+@kernel(inline=True)
+def eliminate(A, x, unit, n, band, tolerance=RANK_TOLERANCE):
     """Solve the leading n x n part of A for x in place, by elimination with partial pivoting.
 
-    Pivots are chosen and judged as if rows and columns had unit size, so that units and masses do not decide what is singular;
-    `unit` is scratch, of length 2 n at least.
-    Returns False, with A and x destroyed, if a pivot is below `tolerance` times the largest one before.
+    A is zero, or not filled, more than `band` places from its diagonal; a dense one has band n.
+    Pivots are chosen and judged as if rows and columns had unit size, so that units and masses do not decide what is
+    singular; `unit` is scratch, of length 2 n at least. Returns False, with A and x destroyed, if a pivot is below
+    `tolerance` times the largest one before.
     """
+    filled = 2 * band if band < n else n  # places beyond the diagonal, by exchanges of rows
     for j in range(n):
         unit[j] = 0.0
     for i in range(n):
-        size = 0.0
-        for j in range(n):
-            size = max(size, abs(A[i, j]))
-        if not 0.0 < size < np.inf:
-            return False
-        unit[n + i] = 1.0 / size
-        for j in range(n):
-            unit[j] = max(unit[j], abs(A[i, j]) * unit[n + i])
-    largest = 0.0
-    for k in range(n):
-        p, size = k, abs(A[k, k]) * unit[n + k]
-        for i in range(k + 1, n):
-            if abs(A[i, k]) * unit[n + i] > size:
-                p, size = i, abs(A[i, k]) * unit[n + i]
-        size /= unit[k]
-        largest = max(largest, size)
-        if not size > tolerance * largest:
-            return False
-        if p != k:
-            for j in range(k, n):
-                A[k, j], A[p, j] = A[p, j], A[k, j]
-            x[k], x[p] = x[p], x[k]
-            unit[n + k], unit[n + p] = unit[n + p], unit[n + k]
-        unit[k] = 1.0 / A[k, k]
-        for i in range(k + 1, n):
-            factor = A[i, k] * unit[k]
-            if factor != 0.0:
-                for j in range(k + 1, n):
-                    A[i, j] -= factor * A[k, j]
-                x[i] -= factor * x[k]
-    for k in range(n - 1, -1, -1):
-        total = x[k]
-        for j in range(k + 1, n):
-            total -= A[k, j] * x[j]
-        x[k] = total * unit[k]
-    return True
-
-
-@kernel
-def eliminate_banded(A: Table, x: Reals, unit: Reals, n: int, band: int, tolerance: float = RANK_TOLERANCE) -> bool:
-    """As `eliminate`, of an A that is zero, or not filled, more than `band` places from its diagonal.
-
-    It is a kernel of its own because `eliminate`, in the innermost loop of small mechanisms, is slower with bounds to its rows.
-    """
-    for j in range(n):
-        unit[j] = 0.0
-    for i in range(n):
-        size, low, high = 0.0, max(0, i - band), min(n, i + band + 1)
+        size, low, high = 0.0, _first(i, band, n), _end(i, band, n)
         for j in range(low, high):
             size = max(size, abs(A[i, j]))
         if not 0.0 < size < np.inf:
@@ -87,10 +56,10 @@ def eliminate_banded(A: Table, x: Reals, unit: Reals, n: int, band: int, toleran
         for j in range(low, high):
             unit[j] = max(unit[j], abs(A[i, j]) * unit[n + i])
         for j in range(high, min(n, high + band)):
-            A[i, j] = 0.0  # where exchanges of rows fill
+            A[i, j] = 0.0
     largest = 0.0
     for k in range(n):
-        p, size, low, high = k, abs(A[k, k]) * unit[n + k], min(n, k + band + 1), min(n, k + 2 * band + 1)
+        p, size, low, high = k, abs(A[k, k]) * unit[n + k], _end(k, band, n), _end(k, filled, n)
         for i in range(k + 1, low):
             if abs(A[i, k]) * unit[n + i] > size:
                 p, size = i, abs(A[i, k]) * unit[n + i]
@@ -112,7 +81,7 @@ def eliminate_banded(A: Table, x: Reals, unit: Reals, n: int, band: int, toleran
                 x[i] -= factor * x[k]
     for k in range(n - 1, -1, -1):
         total = x[k]
-        for j in range(k + 1, min(n, k + 2 * band + 1)):
+        for j in range(k + 1, _end(k, filled, n)):
             total -= A[k, j] * x[j]
         x[k] = total * unit[k]
     return True
@@ -120,7 +89,8 @@ def eliminate_banded(A: Table, x: Reals, unit: Reals, n: int, band: int, toleran
 
 @kernel
 def eliminate_columns(A: Table, B: Table, n: int, k: int, band: int) -> bool:
-    """Solve A X = B, the leading (n, n) and (n, k) parts, in place of B, by elimination with partial pivoting on rows of unit size.
+    """Solve A X = B, the leading (n, n) and (n, k) parts, in place of B, by elimination with partial pivoting on rows
+    of unit size.
 
     A is zero more than `band` places from its diagonal.
     Returns False, with A and B destroyed, if a pivot is below RANK_TOLERANCE or not finite.
@@ -172,21 +142,23 @@ def eliminate_columns(A: Table, B: Table, n: int, k: int, band: int) -> bool:
 
 
 @kernel
-def solve_in_place(A: Table, x: Reals, unit: Reals, n: int, tolerance: float = RANK_TOLERANCE) -> bool:
+def solve_in_place(A: Table, x: Reals, unit: Reals, n: int, band: int, tolerance: float = RANK_TOLERANCE) -> bool:
     """`eliminate`, called where its machine code is: for whatever is not in the innermost loop."""
-    return eliminate(A, x, unit, n, tolerance)
+    return eliminate(A, x, unit, n, band, tolerance)
 
 
 @kernel(allocates=True)
 def decompose(A: Table) -> tuple[Table, Reals, Table]:
-    """Singular values of a finite matrix, in decreasing order, between its left vectors, as rows, and its right vectors, as columns."""
+    """Singular values of a finite matrix, in decreasing order, between its left vectors, as rows, and its right
+    vectors, as columns."""
     U, s, Vt = np.linalg.svd(A, False)
     return U.T, s, Vt.T
 
 
 @kernel(allocates=True)
 def minimum_norm(A: Table, b: Reals, n: int) -> float:
-    """Put in place of b the shortest x among those that minimize |A x - b|, of the leading n x n part of A; nan where that or b is not finite.
+    """Put in place of b the shortest x among those that minimize |A x - b|, of the leading n x n part of A; nan where
+    that or b is not finite.
 
     Equations and unknowns are measured by the square roots of the diagonal of A: units do not enter the solution.
 

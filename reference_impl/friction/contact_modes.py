@@ -8,8 +8,8 @@ n_j = F+_j - F-_j. While it lasts, with R = n1 + n2 the force of the normal row 
     f = -mu d (s1 n1 + s2 n2)
       = -mu d [ (s1 + s2)/2 R + (s2 - s1)/a (T + (b/2) mu d R) ]
 
-is linear in (R, T), so that G force = right closes with f eliminated. A stuck guide keeps its friction as an unknown and
-its tangential row as an equation. A guide without length has f = -mu d s R.
+is linear in (R, T), so that G force = right closes with f eliminated. A stuck guide keeps its friction as an unknown
+and its tangential row as an equation. A guide without length has f = -mu d s R.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import IntegerTable, Integers
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIMINATION, RANK_TOLERANCE, eliminate, eliminate_banded,
+from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIMINATION, RANK_TOLERANCE, eliminate,
                                                              minimum_norm, solve_in_place)
+from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients
 from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row, solve_bilateral
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
@@ -28,18 +29,6 @@ from stiction.reference_impl.multibody.singular_positions import shortest_forces
 
 ALL = -1.0
 """Of `choose_branches`: whatever capacity they have."""
-
-
-@kernel
-def friction_coefficients(m, f, d, s1, s2, mu):
-    """c_R, c_T of f = c_R R + c_T T for a guide that slips with a coefficient of friction mu."""
-    guide = m.friction[f]
-    k, a = -mu * d, guide.length
-    if a == 0.0:
-        return k * s1, 0.0
-    lever = 0.5 * guide.width * mu * d
-    across = k * (s2 - s1) / a
-    return k * 0.5 * (s1 + s2) + across * lever, across
 
 
 @kernel
@@ -56,7 +45,8 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
     Returns
     -------
     bool
-        False if the system was singular and solved in the minimum-norm sense; the forces are nan if it is contradictory.
+        False if the system was singular and solved in the minimum-norm sense; the forces are nan if it is
+        contradictory.
     """
     if len(m.cell):
         return _solve_cells(m, w, slip, corner)
@@ -65,7 +55,7 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
     n = nr
     for f in range(nf):
         n += 1 if slip[f] == 0 else 0
-    regular = eliminate(w.A, w.x, w.unit, n, RANK_TOLERANCE if nf > 0 else ELIMINATION)
+    regular = eliminate(w.A, w.x, w.unit, n, n, RANK_TOLERANCE if nf > 0 else ELIMINATION)
     if not regular and nf == 0:
         _solve_without_friction(m, w)
         return False
@@ -93,9 +83,11 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
 
 @kernel
 def _leave_out_stabilization(w, r):
-    """Take Baumgarte's terms out of the equation of a constraint row whose mechanism more guides hold than it has freedoms.
+    """Take Baumgarte's terms out of the equation of a constraint row whose mechanism more guides hold than it has
+    freedoms.
 
-    Of redundant rows they ask for accelerations that contradict each other, and what is held has no drift to be taken back.
+    Of redundant rows they ask for accelerations that contradict each other, and what is held has no drift to be taken
+    back.
     """
     w.right[r] += w.stabilizing[r]
     w.stabilizing[r] = 0.0
@@ -114,7 +106,7 @@ def _are_independent(w, nr):
         w.x[r] = 0.0
         for c in range(nr):
             w.A[r, c] = w.G[r, c]
-    return solve_in_place(w.A, w.x, w.unit, nr)
+    return solve_in_place(w.A, w.x, w.unit, nr, nr)
 
 
 @kernel
@@ -124,7 +116,7 @@ def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) 
     for c in range(len(m.cell)):
         band, first = m.cell[c].band, m.cell[c].first
         n = _fill_cell(m, w, c, slip, slip, corner, band)
-        if not eliminate_banded(w.A, w.x, w.unit, n, band, ELIMINATION if without_friction else RANK_TOLERANCE):
+        if not solve_in_place(w.A, w.x, w.unit, n, band, ELIMINATION if without_friction else RANK_TOLERANCE):
             if without_friction:
                 _solve_without_friction(m, w)
                 return False
@@ -155,14 +147,15 @@ def _solve_without_friction(m: Arrays, w: Workspace) -> None:
 
 @kernel
 def solve_assumed(m: Arrays, w: Workspace, slip: Integers, direction: Integers, corner: IntegerTable) -> bool:
-    """Row forces into w.force if guides begin to slip in a `direction`, with the static coefficient where their slip is 0.
+    """Row forces into w.force if guides begin to slip in a `direction`, with the static coefficient where their slip is
+    0.
 
     Returns whether every cell is regular.
     """
     for c in range(len(m.cell)):
         band, first = m.cell[c].band, m.cell[c].first
         n = _fill_cell(m, w, c, slip, direction, corner, band)
-        if not eliminate_banded(w.A, w.x, w.unit, n, band):
+        if not solve_in_place(w.A, w.x, w.unit, n, band):
             return False
         for k in range(n):
             w.force[m.order[first + k]] = w.x[k]
@@ -222,18 +215,6 @@ def _fill(m, w, slip, corner):
 
 
 @kernel
-def capacity(m, f, R, T, d):
-    """Largest static friction against a beginning slip in direction d.
-
-    mus (|n1| + |n2|) with the surface friction of both surfaces fully mobilized: mus max(|R|, (2/a)|T + (b/2) mus d R|).
-    """
-    guide = m.friction[f]
-    if guide.length == 0.0:
-        return guide.mus * abs(R)
-    return guide.mus * max(abs(R), 2.0 / guide.length * abs(T + 0.5 * guide.width * guide.mus * d * R))
-
-
-@kernel
 def most_capacity(m, w, f):
     """The capacity of a guide at rest in the direction in which it is larger."""
     R, T = w.force[m.friction[f].row], w.force[m.friction[f].row + 1]
@@ -241,19 +222,13 @@ def most_capacity(m, w, f):
 
 
 @kernel
-def corner_forces(m, f, d, mu, R, T):
-    """n1, n2 of a guide with a length that slips in direction d with mu, and of one that rests with d = 0."""
-    half = (T + 0.5 * m.friction[f].width * mu * d * R) / m.friction[f].length
-    return 0.5 * R - half, 0.5 * R + half
-
-
-@kernel
 def _branch(m, f, R, T, d, s1, s2):
-    """mus (s1 n1 + s2 n2) with the surface friction fully mobilized: the capacity where s1, s2 are the signs of n1, n2, less elsewhere."""
+    """mus (s1 n1 + s2 n2) with the surface friction fully mobilized: the capacity where s1, s2 are the signs of n1, n2,
+    less elsewhere."""
     guide = m.friction[f]
     if guide.length == 0.0:
         return guide.mus * s1 * R
-    n1, n2 = corner_forces(m, f, d, guide.mus, R, T)
+    n1, n2 = corner_forces(guide, R, T, -guide.mus * d)
     return guide.mus * (s1 * n1 + s2 * n2)
 
 
@@ -261,7 +236,8 @@ def _branch(m, f, R, T, d, s1, s2):
 def choose_branches(m, w, slip, corner, least):
     """Make the signs of guides at rest those of their corner forces at full mobilization; returns whether one changed.
 
-    Columns 0 and 1 of `corner` are for a slip along +, columns 2 and 3 for one along -. A guide whose capacity (N) is `least` or less keeps its signs.
+    Columns 0 and 1 of `corner` are for a slip along +, columns 2 and 3 for one along -. A guide whose capacity (N) is
+    `least` or less keeps its signs.
     """
     changed = False
     for f in range(len(m.friction)):
@@ -269,9 +245,9 @@ def choose_branches(m, w, slip, corner, least):
             continue
         R, T = w.force[m.friction[f].row], w.force[m.friction[f].row + 1]
         for k in range(2):
-            n1, n2 = R, R
-            if m.friction[f].length > 0.0:
-                n1, n2 = corner_forces(m, f, 1.0 - 2.0 * k, m.friction[f].mus, R, T)
+            guide, n1, n2 = m.friction[f], R, R
+            if guide.length > 0.0:
+                n1, n2 = corner_forces(guide, R, T, -guide.mus * (1.0 - 2.0 * k))
             s1, s2 = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
             changed = changed or corner[f, 2 * k] != s1 or corner[f, 2 * k + 1] != s2
             corner[f, 2 * k], corner[f, 2 * k + 1] = s1, s2
@@ -280,13 +256,14 @@ def choose_branches(m, w, slip, corner, least):
 
 @kernel
 def event_functions(m, w, slip, corner):
-    """Fill w.event from w.force and w.slip_speed: three functions per frictional guide, smooth in the motion while the mode lasts.
+    """Fill w.event from w.force and w.slip_speed: three functions per frictional guide, smooth in the motion while the
+    mode lasts.
 
     Slip: d g_T' (the slider comes to rest where it falls below zero), s1 n1, s2 n2 (a corner changes its surface).
-    Stick: a branch of the capacity minus the friction needed, against slip along + and along -, and 1. The capacity is the largest of
-    its branches, over the signs s1, s2: while the one that `corner` names is above the friction, the guide sticks. Where it falls below,
-    the guide breaks away, or another branch is the largest (`choose_branches`). So the kinks of the capacity, where a corner
-    of a slider at rest changes its surface, are in no event function.
+    Stick: a branch of the capacity minus the friction needed, against slip along + and along -, and 1. The capacity is
+    the largest of its branches, over the signs s1, s2: while the one that `corner` names is above the friction, the
+    guide sticks. Where it falls below, the guide breaks away, or another branch is the largest (`choose_branches`). So
+    the kinks of the capacity, where a corner of a slider at rest changes its surface, are in no event function.
     """
     for f in range(len(m.friction)):
         r = m.friction[f].row
@@ -303,7 +280,7 @@ def event_functions(m, w, slip, corner):
             w.event[e + 1] = corner[f, 0] * R
             w.event[e + 2] = 1.0
         else:
-            n1, n2 = corner_forces(m, f, slip[f], m.friction[f].mu, R, T)
+            n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
             w.event[e + 1] = corner[f, 0] * n1
             w.event[e + 2] = corner[f, 1] * n2
 
@@ -312,8 +289,9 @@ def event_functions(m, w, slip, corner):
 def margin(m, w, slip, f):
     """By how much a guide obeys Coulomb's law: m/s against its direction, and N; negative where it does not.
 
-    Written in absolute values, so that no assumption about corners or branches enters. Slip: d g_T', and minus the difference of |f| and
-    mu (|n1| + |n2|). Stick: no speed, and the capacity minus the friction needed, in the worse direction.
+    Written in absolute values, so that no assumption about corners or branches enters. Slip: d g_T', and minus the
+    difference of |f| and mu (|n1| + |n2|). Stick: no speed, and the capacity minus the friction needed, in the worse
+    direction.
     """
     r, friction = m.friction[f].row, w.force[m.rows + f]
     R, T = w.force[r], w.force[r + 1]
@@ -321,64 +299,6 @@ def margin(m, w, slip, f):
         return 0.0, min(capacity(m, f, R, T, 1.0) + friction, capacity(m, f, R, T, -1.0) - friction)
     load = abs(R)
     if m.friction[f].length > 0.0:
-        n1, n2 = corner_forces(m, f, slip[f], m.friction[f].mu, R, T)
+        n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
         load = abs(n1) + abs(n2)
     return slip[f] * w.slip_speed[f], -abs(friction + slip[f] * m.friction[f].mu * load)
-
-
-@kernel
-def can_jam(m, f):
-    """Whether a guide at rest can jam under any load.
-
-    The law lets the frictions f+, f- of its two surfaces differ, |f+-| <= mus N+-. With u = f+ - f- the moment of the normal forces is
-    T - (b/2) u, N+ + N- = S(u) = max(|R|, (2/a)|T - (b/2) u|), N+ - N- = R, and the largest friction is
-    max over u of mus S(u) - |u - mus R|. For mus b <= a that is at u = mus R, both surfaces fully mobilized (`capacity`). For
-    mus b > a it grows with u without bound: the corners wedge, as a drawer's do. Where such a guide would break away or
-    reverse it may as well stay at rest: its motion is not unique. Only there can `capacity` be below the kinetic friction.
-    """
-    return m.friction[f].length > 0.0 and m.friction[f].mus * m.friction[f].width > m.friction[f].length
-
-
-def equal_mobilization(R, T, friction, length, width):
-    """Friction coefficient in use, kappa = friction/(N+ + N-), equal on both surfaces.
-
-    The split of a hyperstatic stick is not determined by rigid bodies; this one is continuous with
-    break-away and equals the sliding friction while slipping. kappa is the root of smallest size of
-
-        kappa max(|R|, (2/a)|T - (b/2) kappa R|) = friction
-
-    (moment of surface friction: (b/2) kappa R). Where N+ + N- vanishes, 0.
-
-    Parameters
-    ----------
-    R, T, friction : ndarray, shape (n,)
-        Resultant normal force (N), total moment (N m), friction (N).
-    length, width : float
-        a and b of the slider (m); length 0 where the guide has none.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-    """
-    R, T, friction = (np.asarray(x, dtype=float) for x in (R, T, friction))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        candidates = [friction / np.abs(R)]
-        if length > 0.0:
-            # kappa sigma (T - (b/2) kappa R) = friction a/2, sigma = +-1
-            A, C = 0.5 * width * R, 0.5 * length * friction
-            for sigma in (1.0, -1.0):
-                discriminant = T * T - 4.0 * A * sigma * C
-                root = T + np.copysign(np.sqrt(np.maximum(discriminant, 0.0)), T)
-                valid = discriminant >= 0.0
-                candidates += [np.where(valid, 2.0 * sigma * C / root, np.nan),
-                               np.where(valid & (A != 0.0), root / (2.0 * A), np.nan)]
-        size = np.maximum(np.abs(friction), np.finfo(float).tiny)
-        best = np.zeros_like(friction)
-        found = np.full(friction.shape, np.inf)
-        for kappa in candidates:
-            load = np.abs(R)
-            if length > 0.0:
-                load = np.maximum(load, 2.0 / length * np.abs(T - 0.5 * width * kappa * R))
-            good = np.isfinite(kappa) & (np.abs(kappa * load - friction) <= 1e-9 * size) & (np.abs(kappa) < found)
-            best, found = np.where(good, kappa, best), np.where(good, np.abs(kappa), found)
-    return np.where(friction == 0.0, 0.0, best)

@@ -1,9 +1,9 @@
 """How contact forces and the next contact mode are found: an exchangeable solver, compiled.
 
-``lemke``: the HLCP by Lemke's method, and nothing else (`hlcp`). ``enumeration``: by trying all modes (`enumeration`). ``trial``: by trial
-and error on signs (`trial_and_error`). ``automatic``: Lemke's method, and where it finds no solution all modes; a large mechanism, one that has
-cells, first by trial and error with banded systems where its solution is known to be the only one (`uniqueness`). What took the place of
-what is counted (`solvers.COUNTERS`).
+``lemke``: the HLCP by Lemke's method, and nothing else (`hlcp`). ``enumeration``: by trying all modes (`enumeration`).
+``trial``: by trial and error on signs (`trial_and_error`). ``automatic``: Lemke's method, and where it finds no
+solution all modes; a large mechanism, one that has cells, first by trial and error with banded systems where its
+solution is known to be the only one (`uniqueness`). What took the place of what is counted (`solvers.COUNTERS`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integer
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction import hlcp
-from stiction.reference_impl.friction.contact_modes import corner_forces
+from stiction.reference_impl.friction.coulomb import corner_forces
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.outcomes import MODE_LIMIT, NONE, SIGN_CYCLE, SOLVED
 from stiction.reference_impl.friction.solvers import AUTOMATIC, ENUMERATION, LEMKE, TRIAL
@@ -70,9 +70,10 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
         copy(directions[0], direction)
         for f in range(nf):
             guide = m.friction[f]
-            n1, n2 = w.force[guide.row], w.force[guide.row]
+            R, mu = w.force[guide.row], guide.mus if stuck[f] else guide.mu
+            n1, n2 = R, R
             if guide.length > 0.0:
-                n1, n2 = corner_forces(m, f, direction[f], guide.mus if stuck[f] else guide.mu, n1, w.force[guide.row + 1])
+                n1, n2 = corner_forces(guide, R, w.force[guide.row + 1], -mu * direction[f])
             corner[f, 0], corner[f, 1] = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
     for f in range(nf):
         accelerate[f] = 0.0

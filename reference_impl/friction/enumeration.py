@@ -12,7 +12,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
-from stiction.reference_impl.friction.contact_modes import capacity, corner_forces, friction_coefficients
+from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
@@ -21,7 +21,8 @@ LIMIT = 100_000
 """Modes tried at most: 5 guides that stick, 8 that slip; some tenths of a second."""
 TOO_MANY = -1
 SLACK = 1e-10
-"""Wrong sign of a force (measured as in `dynamics.largest_force`), or of an acceleration, relative to the largest, that counts as zero."""
+"""Wrong sign of a force (measured as in `dynamics.largest_force`), or of an acceleration, relative to the largest, that
+counts as zero."""
 SAME = 1e-6
 """Difference of accelerations, relative to the largest, up to which two modes are one solution: at a tie of signs two
 modes give the same forces to rounding, and a hyperstatic friction splits without influence on the motion."""
@@ -58,7 +59,8 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Tab
     Returns
     -------
     int
-        The number of solutions found, of those whose linear system is regular, or TOO_MANY if there are more than `limit` modes.
+        The number of solutions found, of those whose linear system is regular, or TOO_MANY if there are more than
+        `limit` modes.
     """
     nr, nf = m.rows, len(m.friction)
     if modes(m, stuck) > limit:
@@ -70,7 +72,7 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Tab
     for code in range(int(modes(m, stuck))):
         _decode(m, code, slip, stuck, direction, s1, s2)
         fill(m, w, stuck, direction, s1, s2, A, force, compliance)
-        if not solve_in_place(A, force, w.unit, nr + nf) or revise(m, w, stuck, direction, s1, s2, force) >= 0:
+        if not solve_in_place(A, force, w.unit, nr + nf, nr + nf) or revise(m, w, stuck, direction, s1, s2, force) >= 0:
             continue
         acceleration(m, w, force, motion)
         if _is_new(m, motion, known[:found], SLACK * _largest_term(m, w, force)):
@@ -104,7 +106,8 @@ def _decode(m, code, slip, stuck, direction, s1, s2):
 
 @kernel(allocates=True)
 def _largest_term(m: Arrays, w: Workspace, force: Reals) -> float:
-    """The largest sum of the sizes of the terms of an acceleration, of which rounding is a part; angles by the mechanism's size."""
+    """The largest sum of the sizes of the terms of an acceleration, of which rounding is a part; angles by the
+    mechanism's size."""
     terms, largest = np.abs(w.free), 0.0
     for b in range(len(m.block)):
         i, r, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
@@ -173,8 +176,8 @@ def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integer
 def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integers, s2: Integers, force: Reals) -> int:
     """Change, in place, every sign and direction of a mode that its forces contradict.
 
-    A guide at rest whose friction exceeds its capacity begins to slip, with the signs that its corner forces have; one that
-    begins to slip against its acceleration rests.
+    A guide at rest whose friction exceeds its capacity begins to slip, with the signs that its corner forces have; one
+    that begins to slip against its acceleration rests.
 
     Returns
     -------
@@ -196,7 +199,7 @@ def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integ
             changed = direction[f] != 0
         n1, n2 = R, R
         if guide.length > 0.0:
-            n1, n2 = corner_forces(m, f, direction[f], _coefficient(m, f, stuck), R, T)
+            n1, n2 = corner_forces(guide, R, T, -_coefficient(m, f, stuck) * direction[f])
         if d != 0 or changed:
             if s1[f] * n1 < -floor:
                 s1[f], changed = -s1[f], True

@@ -1,15 +1,16 @@
 """Which guides rest together and which leave rest together, decided by rank, compiled.
 
-A mechanism of one freedom with two frictional guides rests in both or in none. Their slip velocities pass zero together, but each is
-computed with its own rounding, so that no threshold on a speed can tell. The rows can. With J the constraint rows, W the tangential rows
-of the guides that are held, and W_f that of another guide,
+A mechanism of one freedom with two frictional guides rests in both or in none. Their slip velocities pass zero
+together, but each is computed with its own rounding, so that no threshold on a speed can tell. The rows can. With J the
+constraint rows, W the tangential rows of the guides that are held, and W_f that of another guide,
 
     W_f = lambda^T [J; W]    means    g_f' = W_f v = -lambda^T [dPhi/dt; 0]    on  J v + dPhi/dt = 0,  W v = 0:
 
-the freedom that is left cannot move guide f. Unless a drive moves it, it is at rest, whatever rounding has left of its speed. In the same way
-a guide that breaks away takes those with it that would hold it.
+the freedom that is left cannot move guide f. Unless a drive moves it, it is at rest, whatever rounding has left of its
+speed. In the same way a guide that breaks away takes those with it that would hold it.
 
-Dependence is measured in the kinetic metric: rows of J M^-1/2 of unit size, orthogonalized in turn (Gram and Schmidt, each twice).
+Dependence is measured in the kinetic metric: rows of J M^-1/2 of unit size, orthogonalized in turn (Gram and Schmidt,
+each twice).
 """
 
 from __future__ import annotations
@@ -25,15 +26,16 @@ from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
 DEPENDENT = 1e-6
-"""Part of a row of unit size, across the others, up to which it depends on them. Rounding leaves 1e-16 over the smallest part
-that counts as independent, 1e-10."""
+"""Part of a row of unit size, across the others, up to which it depends on them. Rounding leaves 1e-16 over the
+smallest part that counts as independent, 1e-10."""
 DRIVEN = 1e-8
-"""Slip speed that drives give a guide that is held otherwise, relative to the largest speed so far, from which on it slips. Rounding leaves
-1e-16 over DEPENDENT, 1e-10."""
+"""Slip speed that drives give a guide that is held otherwise, relative to the largest speed so far, from which on it
+slips. Rounding leaves 1e-16 over DEPENDENT, 1e-10."""
 
 STOPPED = 1e-3
-"""Part of the largest speed so far by which bringing to rest may change a speed: far above what integration leaves where a mechanism stops. A
-slider that turns round in a dead centre passes zero while its mechanism goes on, with all of its speed."""
+"""Part of the largest speed so far by which bringing to rest may change a speed: far above what integration leaves
+where a mechanism stops. A slider that turns round in a dead centre passes zero while its mechanism goes on, with all of
+its speed."""
 
 
 @kernel(allocates=True)
@@ -49,8 +51,8 @@ def rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals) 
     speed : float
         The largest speed so far, m/s.
     v : ndarray, shape (3 * bodies,)
-        Velocities. Where guides rest together they are brought onto the constraints and to rest in the guides that are held, by the least
-        change in the kinetic metric.
+        Velocities. Where guides rest together they are brought onto the constraints and to rest in the guides that are
+        held, by the least change in the kinetic metric.
 
     Returns
     -------

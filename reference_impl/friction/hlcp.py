@@ -10,9 +10,9 @@ surface's lever +- b/2 on the angle row. With E the columns of these coefficient
 Beyond the paper: rows of smooth guides and the angle row of a guide without length are bilateral and are split like
 lCR; a guide without length has one pair F+ - F- = R.
 
-Places in y and x, the same everywhere: the rows that no corner force replaces (`Arrays.smooth`), the corner forces of each guide
-(`friction.pair`), which together are as many as there are rows, then gH+ with lH+ of every surface of the guides at rest, then lH- with
-gH- of these.
+Places in y and x, the same everywhere: the rows that no corner force replaces (`Arrays.smooth`), the corner forces of
+each guide (`friction.pair`), which together are as many as there are rows, then gH+ with lH+ of every surface of the
+guides at rest, then lH- with gH- of these.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from stiction.reference_impl.compiled.bundle import Flags, Integers, Reals, Tabl
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, RANK_TOLERANCE, decompose, eliminate_columns
 from stiction.reference_impl.compiled.loops import copy
+from stiction.reference_impl.friction.coulomb import corner_forces, mobilization
 from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, event_functions, solve_mode
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.lemke import lemke
@@ -33,14 +34,15 @@ from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import ANGLE, REVOLUTE, Arrays
 
 COMPLIANCE = 1e-10
-"""Added to the diagonal of G, relative to each entry, where A0 is singular: redundant constraints then share their force in the
-minimum-norm sense, each measured by the square root of its mobility G_rr, so that units do not matter. It must stand out from
-the RANK_TOLERANCE of `linear_algebra`; what it changes, and what pivoting loses by it, `_polish` takes back."""
+"""Added to the diagonal of G, relative to each entry, where A0 is singular: redundant constraints then share their
+force in the minimum-norm sense, each measured by the square root of its mobility G_rr, so that units do not matter. It
+must stand out from the RANK_TOLERANCE of `linear_algebra`; what it changes, and what pivoting loses by it, `_polish`
+takes back."""
 
 REST, REST_COMPLIANT = 1e-12, 1e-10
-"""Acceleration of a stuck slider, relative to the largest acceleration in the problem, up to which a solution means rest.
-Lemke's zeros are exact except in degenerate bases, where they are rounding or, with compliance, what `_polish` leaves of it.
-By so much the break-away of guides that share their load is late."""
+"""Acceleration of a stuck slider, relative to the largest acceleration in the problem, up to which a solution means
+rest. Lemke's zeros are exact except in degenerate bases, where they are rounding or, with compliance, what `_polish`
+leaves of it. By so much the break-away of guides that share their load is late."""
 
 
 @kernel(allocates=True)
@@ -132,10 +134,11 @@ def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, compliance: 
 
 
 SATURATION_COVER = 10.0
-"""Weight of the rows of lH- in Lemke's covering vector, those of all others being 1. The problem has a ray of its own for
-every stuck surface: gH+ and gH- of a surface without load can grow together (the column of gH- has a single entry, 1 in the
-row of gH+), and Lemke's path can end there. Of random problems that have a solution it does with equal weights in 1 % where mu is at most
-0.2 and in 24 % where friction is extreme; with artificial capacity that outlasts the artificial forces in none of 3000 and in 7 % of 2940."""
+"""Weight of the rows of lH- in Lemke's covering vector, those of all others being 1. The problem has a ray of its own
+for every stuck surface: gH+ and gH- of a surface without load can grow together (the column of gH- has a single entry,
+1 in the row of gH+), and Lemke's path can end there. Of random problems that have a solution it does with equal weights
+in 1 % where mu is at most 0.2 and in 24 % where friction is extreme; with artificial capacity that outlasts the
+artificial forces in none of 3000 and in 7 % of 2940."""
 
 ACCURATE = 1e-9
 """Residual relative to the largest term above which a solution by pivoting is not one."""
@@ -143,7 +146,8 @@ ACCURATE = 1e-9
 
 @kernel(allocates=True)
 def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LIMIT) -> tuple[Reals, Reals, Reals, int, float]:
-    """Solve the HLCP by Lemke's method, and where that finds no solution by trying all contact modes, if they are not above `limit`.
+    """Solve the HLCP by Lemke's method, and where that finds no solution by trying all contact modes, if they are not
+    above `limit`.
 
     The solver ``lemke`` tries none.
 
@@ -218,7 +222,8 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
 
 @kernel
 def _left(m, w, force):
-    """Acceleration (m/s^2) that row forces leave at most where points are held, which rounding makes large beside a light body; no guide's is known better."""
+    """Acceleration (m/s^2) that row forces leave at most where points are held, which rounding makes large beside a
+    light body; no guide's is known better."""
     largest = 0.0
     for c in range(len(m.constraint)):
         kind, first = m.constraint[c].kind, m.constraint[c].row
@@ -252,7 +257,8 @@ def _multiply(values: Reals, units: Reals, power: int) -> None:
 def _units(m: Arrays, w: Workspace, stuck: Flags, n: int) -> tuple[Reals, Reals, Reals]:
     """Scales of the equations, of y and of x: each row in units of the square root of its own mobility G_rr.
 
-    With them neither the units of length, mass and time nor the masses of the bodies enter the decision which pivots are zero.
+    With them neither the units of length, mass and time nor the masses of the bodies enter the decision which pivots
+    are zero.
     """
     row, unit_y, unit_x = np.zeros(n), np.zeros(n), np.zeros(n)
     for r in range(m.rows):
@@ -286,10 +292,11 @@ def _scale(A0: Table, A1: Table, b: Reals, row: Reals, unit_y: Reals, unit_x: Re
 
 @kernel(allocates=True)
 def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
-    """Take the compliance out of a solution, in place: the shortest one of A0 y = A1 x + b in the variables that are not zero.
+    """Take the compliance out of a solution, in place: the shortest one of A0 y = A1 x + b in the variables that are
+    not zero.
 
-    With compliance A0 is so badly conditioned that pivoting loses half of all digits. A variable that becomes zero on the way
-    to the shortest solution stays zero (as in Lawson & Hanson's least squares with bounds).
+    With compliance A0 is so badly conditioned that pivoting loses half of all digits. A variable that becomes zero on
+    the way to the shortest solution stays zero (as in Lawson & Hanson's least squares with bounds).
 
     Returns
     -------
@@ -345,8 +352,8 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
 def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: Reals, unit_y: Reals, unit_x: Reals) -> None:
     """Where all guides at rest stay there, the shortest row forces, in place, if they are within the capacities.
 
-    Of the solutions of a hyperstatic stick they are the one that depends neither on the order of constraints nor on units.
-    y, x in the units of `_units`.
+    Of the solutions of a hyperstatic stick they are the one that depends neither on the order of constraints nor on
+    units. y, x in the units of `_units`.
     """
     nf, surfaces, largest = len(m.friction), _surfaces(stuck), 0.0
     for j in range(len(y)):
@@ -405,12 +412,11 @@ def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: I
         coefficient = guide.mus if stuck[f] else guide.mu
         kappa = -coefficient * direction[f]
         if direction[f] == 0:
-            kappa = _mobilization(guide, R, T, friction)
+            kappa = mobilization(guide, R, T, friction)
         upper, lower = max(-R, 0.0), max(R, 0.0)
         if guide.length > 0.0:
-            half = (T - 0.5 * guide.width * kappa * R) / guide.length
             lower, upper = 0.0, 0.0
-            for n in (0.5 * R - half, 0.5 * R + half):
+            for n in corner_forces(guide, R, T, kappa):
                 y[column], x[column] = max(-n, 0.0), max(n, 0.0)
                 lower, upper = lower + x[column], upper + y[column]
                 column += 1
@@ -431,24 +437,9 @@ def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: I
 
 
 @kernel
-def _mobilization(guide, R, T, friction):
-    """kappa = friction / (N+ + N-) of a guide at rest within its capacity, by bisection; see `equal_mobilization`."""
-    low, high = -guide.mus, guide.mus
-    for _ in range(60):
-        kappa = 0.5 * (low + high)
-        load = abs(R)
-        if guide.length > 0.0:
-            load = max(load, 2.0 / guide.length * abs(T - 0.5 * guide.width * kappa * R))
-        if kappa * load < friction:
-            low = kappa
-        else:
-            high = kappa
-    return 0.5 * (low + high)
-
-
-@kernel
 def correct_accelerations(m, w, force, accelerate):
-    """Make accelerations of a solution those that its forces give, in place: with compliance those of its basis differ between guides on one line.
+    """Make accelerations of a solution those that its forces give, in place: with compliance those of its basis differ
+    between guides on one line.
 
     One along its friction is of a basis that compliance chose wrongly, by less than itself: that guide is at rest.
     """
@@ -485,7 +476,8 @@ def read(m, stuck, y, x, accelerate, corner):
 
 
 def residual(A0: np.ndarray, A1: np.ndarray, b: np.ndarray, y: np.ndarray, x: np.ndarray) -> float:
-    """Largest violation of A0 y = A1 x + b, relative to its largest term, and of y, x >= 0 and min(y, x) = 0, to the largest variable."""
+    """Largest violation of A0 y = A1 x + b, relative to its largest term, and of y, x >= 0 and min(y, x) = 0, to the
+    largest variable."""
     terms = max(np.max(np.abs(A0) * np.abs(y)), np.max(np.abs(A1) * np.abs(x)), np.max(np.abs(b)), 1e-300)
     size = max(np.max(np.abs(y)), np.max(np.abs(x)), 1e-300)
     return float(max(np.max(np.abs(A0 @ y - A1 @ x - b)) / terms, np.max(np.abs(np.minimum(y, x))) / size))

@@ -1,9 +1,9 @@
 """Which contact mode follows: the answer of a contact solver, made definite, compiled.
 
-The contact problem is solved with the static coefficient for every guide at rest (the set H). A guide whose solution has an
-acceleration leaves H in that direction; with mus > mu its friction drops to the kinetic one, which may set others free,
-so that the problem is solved again until no guide leaves. An answer that is not the only one is not accepted, nor that a
-guide leaves H that may as well jam there (`contact_modes.can_jam`).
+The contact problem is solved with the static coefficient for every guide at rest (the set H). A guide whose solution
+has an acceleration leaves H in that direction; with mus > mu its friction drops to the kinetic one, which may set
+others free, so that the problem is solved again until no guide leaves. An answer that is not the only one is not
+accepted, nor that a guide leaves H that may as well jam there (`coulomb.can_jam`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals, at
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy, taken
-from stiction.reference_impl.friction.contact_modes import can_jam
+from stiction.reference_impl.friction.coulomb import can_jam
 from stiction.reference_impl.friction.contact_solvers import solve_contact
 from stiction.reference_impl.friction.guides_at_rest import leave_together
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
@@ -112,11 +112,13 @@ MOST_AT_REST = 4
 
 @kernel(allocates=True)
 def other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int:
-    """Count the contact modes, other than the chosen one, that obey the law of two coefficients in an instant at which not all can rest.
+    """Count the contact modes, other than the chosen one, that obey the law of two coefficients in an instant at which
+    not all can rest.
 
-    Each guide that was at rest may stay, with the static coefficient, or leave in either direction, with the kinetic one, if it then accelerates
-    that way. Where several guides are at rest, each of two may be the one whose departure relieves the other. `choose_mode` takes what
-    follows from the static coefficients of all (Zhuang & Wang, Sect. 3); this tells where another choice was possible.
+    Each guide that was at rest may stay, with the static coefficient, or leave in either direction, with the kinetic
+    one, if it then accelerates that way. Where several guides are at rest, each of two may be the one whose departure
+    relieves the other. `choose_mode` takes what follows from the static coefficients of all (Zhuang & Wang, Sect. 3);
+    this tells where another choice was possible.
 
     Parameters
     ----------

@@ -1,9 +1,10 @@
 """Contact forces by trial and error on the signs of the normal forces, compiled: before complementarity.
 
-The signs of the corner forces, and which guides at rest remain so, are assumed as they were in the previous instant; one
-linear solve gives the forces; every assumption that they contradict is changed, and so on (Klepp, Trial-and-error based method
-for the investigation of multi-body systems with friction, J. Sound Vib. 197 (1996) 629-637). Nothing makes it end: the
-assumptions may come back to what they were, with or without a consistent set elsewhere. That is found and said.
+The signs of the corner forces, and which guides at rest remain so, are assumed as they were in the previous instant;
+one linear solve gives the forces; every assumption that they contradict is changed, and so on (Klepp, Trial-and-error
+based method for the investigation of multi-body systems with friction, J. Sound Vib. 197 (1996) 629-637). Nothing makes
+it end: the assumptions may come back to what they were, with or without a consistent set elsewhere. That is found and
+said.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corne
             copy(w.force, force)
         else:
             fill(m, w, stuck, direction, s1, s2, A, force, 0.0)
-            regular = solve_in_place(A, force, w.unit, nr + nf)
+            regular = solve_in_place(A, force, w.unit, nr + nf, nr + nf)
         if not regular:
             return SINGULAR, trials, -1
         guide = revise(m, w, stuck, direction, s1, s2, force)

@@ -1,13 +1,13 @@
 """Uniqueness of the contact forces at an instant, compiled; and the number of solutions, for small mechanisms.
 
-The friction of a slipping guide is f = -mu d (|n1| + |n2|) = -mu d max(|R|, |D|), D = n2 - n1 = (2/a)(T + (b/2) mu d R), and R
-and T are linear in the frictions of all guides. Where the gain
+The friction of a slipping guide is f = -mu d (|n1| + |n2|) = -mu d max(|R|, |D|), D = n2 - n1 = (2/a)(T + (b/2) mu d
+R), and R and T are linear in the frictions of all guides. Where the gain
 
     max over guides i of  mu_i sum over slipping guides j of  max(|dR_i/df_j|, |dD_i/df_j|)
 
-is below 1 the frictions are the fixed point of a contraction, so that they exist and are unique whatever the loads. For one
-slipping guide that is necessary too: beyond, some loads have two solutions and others none (Painleve). There the contact
-modes are counted. A guide at rest adds its static coefficient, with both directions of slip in view.
+is below 1 the frictions are the fixed point of a contraction, so that they exist and are unique whatever the loads. For
+one slipping guide that is necessary too: beyond, some loads have two solutions and others none (Painleve). There the
+contact modes are counted. A guide at rest adds its static coefficient, with both directions of slip in view.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from stiction.reference_impl.compiled.bundle import Integers, at
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate_columns
 from stiction.reference_impl.compiled.loops import taken
+from stiction.reference_impl.friction.coulomb import normal_load
 from stiction.reference_impl.friction.enumeration import LIMIT, TOO_MANY, solutions
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
 from stiction.reference_impl.multibody.banded_systems import fill_cell, fill_cell_of, friction_row, guides_of
@@ -25,21 +26,22 @@ from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
 
 COUNTED = 1000
-"""Contact modes up to which solutions are counted on the way: three guides at rest, four that slip. Beyond, an integration
-does not know whether its solution is the only one."""
+"""Contact modes up to which solutions are counted on the way: three guides at rest, four that slip. Beyond, an
+integration does not know whether its solution is the only one."""
 
 
 @kernel
 def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tuple[float, int]:
-    """The largest gain of the rows in the workspace (`dynamics.row_form`), and the guide that has it (-1 if none slips).
+    """The largest gain of the rows in the workspace (`dynamics.row_form`), and the guide that has it (-1 if none
+    slips).
 
     Parameters
     ----------
     slip : ndarray of int, shape (frictional,)
         Directions; 0 at rest.
     released : bool
-        Of a guide at rest both directions are considered, with the static coefficient. Otherwise its slip stays zero by whatever
-        friction this takes.
+        Of a guide at rest both directions are considered, with the static coefficient. Otherwise its slip stays zero by
+        whatever friction this takes.
     """
     worst, where = 0.0, -1
     if not (_respond(m, w, slip, released, 0.0) or _respond(m, w, slip, released, COMPLIANCE)):
@@ -54,11 +56,11 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
         for j in range(len(m.friction)):
             if slip[j] == 0 and not released:
                 continue
-            R, D = w.response[normal, column], 0.0
-            if guide.length > 0.0:
-                T, lever = w.response[moment, column], 0.5 * guide.width * mu
-                D = abs(T + lever * slip[f] * R) if slip[f] != 0 else abs(T) + lever * abs(R)
-            gain += mu * max(abs(R), 2.0 / guide.length * D if guide.length > 0.0 else 0.0)
+            R, T = w.response[normal, column], w.response[moment, column]
+            load = normal_load(guide, R, T, -mu if slip[f] >= 0 else mu)
+            if slip[f] == 0:
+                load = max(load, normal_load(guide, R, T, mu))
+            gain += mu * load
             column += 1
         if where < 0 or gain > worst:
             worst, where = gain, f
@@ -67,7 +69,8 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
 
 @kernel
 def _respond(m, w, slip, released, compliance):
-    """Change of the forces of the constraint rows per unit of friction on each guide that slips, into w.response; whether regular."""
+    """Change of the forces of the constraint rows per unit of friction on each guide that slips, into w.response;
+    whether regular."""
     nr, nf, G = m.rows, len(m.friction), w.G
     if len(m.cell):
         return _respond_banded(m, w, slip, released, compliance)
@@ -122,7 +125,8 @@ def _respond_banded(m: Arrays, w: Workspace, slip: Integers, released: bool, com
 
 @kernel
 def gain_of_mode(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
-    """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide; 0 and -1 without friction."""
+    """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide; 0 and
+    -1 without friction."""
     if len(m.friction) == 0:
         return 0.0, -1
     return _gain_of_cell(m, w, slip) if len(m.cell) < 2 else _gain_of_cells(m, w, slip)

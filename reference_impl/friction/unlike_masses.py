@@ -1,13 +1,14 @@
 """Forces and accelerations of a contact mode together, for masses that are unlike, compiled.
 
-With bodies of masses m << M the entries of G = J M^-1 J^T are sums 1/m + 1/M, of which a solution needs the difference 1/M: it is wrong by
-M/m roundings, and the acceleration of the light body, a small difference of large forces over m, as well. The equations (24) and (25)
-of Zhuang & Wang (2014) before q'' is eliminated from them,
+With bodies of masses m << M the entries of G = J M^-1 J^T are sums 1/m + 1/M, of which a solution needs the difference
+1/M: it is wrong by M/m roundings, and the acceleration of the light body, a small difference of large forces over m, as
+well. The equations (24) and (25) of Zhuang & Wang (2014) before q'' is eliminated from them,
 
     M q'' - J^T force = Q,    J q'' = -gamma,
 
-hold each mass by itself, and elimination with pivots of unit size takes a light body's forces from its balance, and its motion from its
-constraints. They are a system of three times the size, so only mechanisms that need them are solved that way (`Arrays.unlike`).
+hold each mass by itself, and elimination with pivots of unit size takes a light body's forces from its balance, and its
+motion from its constraints. They are a system of three times the size, so only mechanisms that need them are solved
+that way (`Arrays.unlike`).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import IntegerTable, Integers, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate
-from stiction.reference_impl.friction.contact_modes import friction_coefficients
+from stiction.reference_impl.friction.coulomb import friction_coefficients
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
@@ -27,7 +28,8 @@ REGULAR = 0.0
 
 @kernel(allocates=True)
 def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, motion: Reals) -> bool:
-    """Row forces of the mode into w.force and q'' into `motion`, as `solve_mode` and `acceleration`; False if there is none."""
+    """Row forces of the mode into w.force and q'' into `motion`, as `solve_mode` and `acceleration`; False if there is
+    none."""
     n, nr, nf = len(m.inverse_mass), m.rows, len(m.friction)
     column, size = np.zeros(nf, dtype=np.int64), n + nr
     for f in range(nf):
@@ -55,7 +57,7 @@ def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
                 c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
                 A[k + c, normal] -= c_R * w.J[i + c]
                 A[k + c, normal + 1] -= c_T * w.J[i + c]
-    if not eliminate(A, x, unit, size, REGULAR):
+    if not eliminate(A, x, unit, size, size, REGULAR):
         return False
     for i in range(n):
         motion[i] = x[i]

@@ -25,8 +25,8 @@ class Audit:
     complementarity : float
         Largest residual of eqs. (37)-(38), relative to the largest term (`hlcp.residual`).
     acceleration : float
-        Largest difference between the trajectory's accelerations and those of the HLCP, relative to the largest one or to
-        what the applied forces would cause without joints, if that is larger.
+        Largest difference between the trajectory's accelerations and those of the HLCP, relative to the largest one or
+        to what the applied forces would cause without joints, if that is larger.
     unsolved : int
         Instants at which Lemke's method found no solution.
     """

@@ -31,8 +31,9 @@ def combine(K, row, count, h, y, out):
 def error_norm(K, h, scale, bodies):
     """Estimated local error in units of `scale`, largest component (1 = at the tolerance; inf if one is not finite).
 
-    It is an error of order 5 times its ratio to one of order 3, each the largest of a group of components: of all, or, if it is not 0, of
-    each of so many bodies. Where one body turns fast, its error of order 3 hides an error of another, which goes straight on.
+    It is an error of order 5 times its ratio to one of order 3, each the largest of a group of components: of all, or,
+    if it is not 0, of each of so many bodies. Where one body turns fast, its error of order 3 hides an error of
+    another, which goes straight on.
     """
     n, worst = K.shape[1] // 2, 0.0
     for group in range(max(bodies, 1)):

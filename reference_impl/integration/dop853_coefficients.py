@@ -1,8 +1,9 @@
 """Coefficients of DOP853, the explicit Runge-Kutta method of order 8(5,3) with dense output of order 7.
 
-Source: Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I, 2nd ed. (1993), Sect. II.5 and II.6, and the
-authors' program dop853.f. The numbers are rounded to double precision, as `scipy.integrate.DOP853` has them (a test compares
-every bit); they stand here because importing `scipy.integrate` for them costs a tenth of the time of a short run.
+Source: Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I, 2nd ed. (1993), Sect. II.5 and II.6, and
+the authors' program dop853.f. The numbers are rounded to double precision, as `scipy.integrate.DOP853` has them (a test
+compares every bit); they stand here because importing `scipy.integrate` for them costs a tenth of the time of a short
+run.
 """
 
 from __future__ import annotations

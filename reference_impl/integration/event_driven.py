@@ -1,8 +1,9 @@
 """Event-driven integration with frozen contact modes.
 
 The HLCP decides the contact mode at the start and at events only. While a mode lasts the forces follow from one linear
-solve (`contact_modes`), the motion is smooth and DOP853 integrates it. A step is made to end where the next event is expected;
-one within which an event cannot be excluded is searched, and repeated if there is one (`event_location`). Each step is audited.
+solve (`contact_modes`), the motion is smooth and DOP853 integrates it. A step is made to end where the next event is
+expected; one within which an event cannot be excluded is searched, and repeated if there is one (`event_location`).
+Each step is audited.
 """
 
 from __future__ import annotations
@@ -10,28 +11,28 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Cube, IntegerTable, Integers, Reals, Table
-from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linked_workspace import clock
+from stiction.reference_impl.compiled.bundle import Bundle, Reals
+from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
-from stiction.reference_impl.friction.contact_modes import ALL, can_jam, choose_branches, margin, most_capacity
+from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, margin, most_capacity
+from stiction.reference_impl.friction.coulomb import can_jam
 from stiction.reference_impl.friction.guides_at_rest import leave_together, rest_together
 from stiction.reference_impl.friction.mode_transition import choose_mode, other_modes
-from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, CHATTER, CRAWL, DONE, JAM, MODE_LIMIT, NONE, NOT_FINITE,
-                                                       PIVOT_LIMIT, RAY, ROOM, SEVERAL, SIGN_CYCLE, SINGULAR, SOLVED, STEP_LIMIT,
-                                                       STEP_TOO_SMALL)
+from stiction.reference_impl.friction.outcomes import (AUDIT, CHATTER, CRAWL, DONE, JAM, NOT_FINITE, ROOM, SEVERAL,
+                                                       SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
 from stiction.reference_impl.friction.solvers import AUTOMATIC, named
-from stiction.reference_impl.friction.trial_and_error import trial_and_error
-from stiction.reference_impl.friction.uniqueness import COUNTED, gain_of_mode, has_several, number_of_solutions
+from stiction.reference_impl.friction.uniqueness import gain_of_mode, has_several
 from stiction.reference_impl.integration.dop853 import combine, dense_at, dense_coefficients, error_norm
 from stiction.reference_impl.integration.dop853_coefficients import A_EXTRA, C_EXTRA, EXTRA, STAGES
-from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, falls_to_end, first_root, go_to_event,
-                                                                may_vanish, zero_near_end)
+from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, falls_to_end, first_root,
+                                                                go_to_event, may_vanish, zero_near_end)
 from stiction.reference_impl.integration.integration_state import NOISE, State, noise, state, take_audit_step, take_step
+from stiction.reference_impl.integration.result import (CORNER, EVENT_KINDS, REVERSAL, SLIP, STICK, EventLog, Run,
+                                                        Samples, breakdown_of)
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.dynamics import largest_force, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, workspace
@@ -39,18 +40,15 @@ from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.singular_positions import error_along_motion
 from stiction.reference_impl.multibody.trajectory_columns import build_columns, write_sample
-from stiction.scenes import Breakdown, Cost, Event
+from stiction.scenes import Cost, Event
 from stiction.scenes.trajectory import rows_of
-
-SLIP, STICK, REVERSAL, CORNER = range(4)
-EVENT_KINDS = ("slip", "stick", "reversal", "corner")
 
 COINCIDENCE = 1e-11
 """Slip speed, relative to the largest speed so far, at which a second guide comes to rest in the same event. Far above
 the rounding of a located event (1e-15), far below speeds that matter."""
 SAME_INSTANT = 1e-12
-"""Of the time so far, or of FIRST_STEP of the run if that is more: both corners of a slider changing within are one event, and a guide that
-begins to slip is not taken to be at rest again at the break-away of another."""
+"""Of the time so far, or of FIRST_STEP of the run if that is more: both corners of a slider changing within are one
+event, and a guide that begins to slip is not taken to be at rest again at the break-away of another."""
 FIRST_STEP = 1e-3
 """Length of the first step that is tried, in parts of the run."""
 CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
@@ -59,37 +57,45 @@ MISSES = 6
 """Times that a step is halved because its dense output did not find its event: of that error, of order 8 in the step,
 2^-48 is left."""
 AT_ONCE = 100.0
-"""Times its rounding up to which an event function is zero at the start of a step, where it may fall below zero at once."""
+"""Times its rounding up to which an event function is zero at the start of a step, where it may fall below zero at
+once."""
 UNLOADED = 1e-9
-"""Capacity of a guide, relative to the largest force so far, that counts as zero. Where normal force and friction pass zero together,
-as where all loads on a slider pass zero in one ratio, the instant itself does not tell whether the guide holds, nor by which corners. Nor does it
-where a guide reverses whose slip speed, relative to the largest so far, is zero with them, as on a turning arm without weight."""
+"""Capacity of a guide, relative to the largest force so far, that counts as zero. Where normal force and friction pass
+zero together, as where all loads on a slider pass zero in one ratio, the instant itself does not tell whether the guide
+holds, nor by which corners. Nor does it where a guide reverses whose slip speed, relative to the largest so far, is
+zero with them, as on a turning arm without weight."""
 AT_REST = 1e-6
-"""Largest speed so far, relative to that which free bodies would reach in a step, up to which all is taken to have been at rest."""
+"""Largest speed so far, relative to that which free bodies would reach in a step, up to which all is taken to have been
+at rest."""
 BEHIND = 1e-3
-"""Part of a step behind such an instant at which the forces tell: far above what an event is located to, far below what loads change in."""
+"""Part of a step behind such an instant at which the forces tell: far above what an event is located to, far below what
+loads change in."""
 NEARLY_SEVERAL = 0.5
-"""Friction gain (`uniqueness`) at either end of a step from which on its inside is looked at: several motions need 1."""
+"""Friction gain (`uniqueness`) at either end of a step from which on its inside is looked at: several motions need
+1."""
 SINGULAR_STRETCH = 1e-4
-"""A second motion usually comes in from infinity where the gain passes 1. Just behind, its linear system is too nearly singular to
-be counted; if the count begins within this part of the stretch between two samples, it began where the gain passed."""
+"""A second motion usually comes in from infinity where the gain passes 1. Just behind, its linear system is too nearly
+singular to be counted; if the count begins within this part of the stretch between two samples, it began where the gain
+passed."""
 
 
 LONGEST_STEP = np.pi
-"""Phase in which a sine law may advance within a step. Of a mechanism at rest the motion does not tell how fast its loads change."""
+"""Phase in which a sine law may advance within a step. Of a mechanism at rest the motion does not tell how fast its
+loads change."""
 AUDITED = 1e-9
-"""Violation of Coulomb's law, relative to the largest force or speed so far, that an audit takes for a missed event; or 10 rtol, as the
-states themselves are wrong by rtol."""
+"""Violation of Coulomb's law, relative to the largest force or speed so far, that an audit takes for a missed event; or
+10 rtol, as the states themselves are wrong by rtol."""
 GOLDEN = 0.6180339887498949
 """Audits are at the fractional parts of multiples of the golden section: spread evenly, and related to no stage."""
 GAIN_SAMPLES = 8
 """Points of a step at which it is asked for several motions, where the friction gain is critical."""
 HALVINGS_BEHIND = 8
-"""Points between where the gain passes 1 and the next of those, each in half the distance of the last, at which it is asked as well."""
+"""Points between where the gain passes 1 and the next of those, each in half the distance of the last, at which it is
+asked as well."""
 
 LEAST_BY_BODY = 1e-10
-"""Tolerance from which on the error of a mechanism without friction is estimated body by body. Below, steps are short enough to make no difference, and near a
-singular position rounding of one body would be taken for an error.
+"""Tolerance from which on the error of a mechanism without friction is estimated body by body. Below, steps are short
+enough to make no difference, and near a singular position rounding of one body would be taken for an error.
 """
 
 class Task(Bundle):
@@ -119,33 +125,12 @@ class Task(Bundle):
     kinks: Reals
 
 
-class Samples(Bundle):
-    """Output at given times: q, v, a together (n, 3, 3 * bodies), row forces, slip."""
-
-    t: Reals
-    motion: Cube
-    force: Table
-    slip: IntegerTable
-
-
-class EventLog(Bundle):
-    """Events: time, kind, frictional guide, other consistent modes, and two-sided samples (n, 2, ...)."""
-
-    t: Reals
-    kind: Integers
-    guide: Integers
-    others: Integers
-    motion: Annotated[np.ndarray, np.float64, 4]
-    force: Cube
-    slip: Annotated[np.ndarray, np.int64, 3]
-
-
 @kernel
 def integrate(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog) -> int:
     """Integrate from the state to t_end, filling samples and the event log; returns a termination code.
 
-    The motion does not depend on the samples: they are read from the dense output of steps that are taken without regard to them.
-    ROOM: the log is full; empty it and call again. STEP_LIMIT: with a larger one the next call goes on.
+    The motion does not depend on the samples: they are read from the dense output of steps that are taken without
+    regard to them. ROOM: the log is full; empty it and call again. STEP_LIMIT: with a larger one the next call goes on.
     """
     p, step = s.progress, s.attempt
     while True:
@@ -192,7 +177,8 @@ def _refresh(m: Arrays, w: Workspace, s: State) -> None:
 
 @kernel
 def _propose(s: State, task: Task) -> bool:
-    """Length of the next step: not past the end or a kink, and to where an event is expected; False if time cannot resolve it."""
+    """Length of the next step: not past the end or a kink, and to where an event is expected; False if time cannot
+    resolve it."""
     p, step, kinks = s.progress, s.attempt, task.kinks
     t = p.time
     while p.next_kink < len(kinks) and kinks[p.next_kink] <= t:
@@ -214,7 +200,8 @@ def _propose(s: State, task: Task) -> bool:
 
 @kernel
 def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
-    """Make the step; DONE if its error is within the tolerance, else REPEAT with a shorter one, or why there is none."""
+    """Make the step; DONE if its error is within the tolerance, else REPEAT with a shorter one, or why there is
+    none."""
     p, step = s.progress, s.attempt
     h = step.h
     take_step(m, w, s, p.time, h)
@@ -244,8 +231,8 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
 def _scales(m, w, s, rtol):
     """Tolerances per component: lengths and angles by the mechanism's size, speeds by the largest so far.
 
-    No speed is asked to be better than the rounding of the accelerations, which is all there is in a mechanism at rest, or than what they
-    change in the time that a clock cannot resolve, as where a load comes within a nanosecond.
+    No speed is asked to be better than the rounding of the accelerations, which is all there is in a mechanism at rest,
+    or than what they change in the time that a clock cannot resolve, as where a load comes within a nanosecond.
     """
     n, h, K, scale, jump = len(m.inverse_mass), s.attempt.h, s.K, s.scale, 0.0
     speed, rounding = s.progress.speed, 0.0
@@ -286,7 +273,8 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
     if suspicious:
         step.fraction, step.event, slope = first_root(m, w, s)
     step.length, met = h, True
-    step.at_once = step.event >= 0 and step.fraction < BESIDE and s.at_start[step.event] <= AT_ONCE * noise(s, step.event)
+    step.at_once = (step.event >= 0 and step.fraction < BESIDE
+                    and s.at_start[step.event] <= AT_ONCE * noise(s, step.event))
     if step.at_once:
         met = False
     elif step.event >= 0:
@@ -391,9 +379,10 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
     if not p.fresh:
         _remember(m, w, s)
     if step.length > step.resolution:
+        part = max(AUDITED, 10.0 * task.rtol)
         for i in range(task.audits):
             x = ((w.counters.steps * task.audits + i) * GOLDEN) % 1.0
-            if not _is_held(m, w, s, t, x, max(AUDITED, 10.0 * task.rtol) * speed, max(AUDITED, 10.0 * task.rtol) * force):
+            if not _is_held(m, w, s, t, x, part * speed, part * force):
                 row_form(m, w, t + x * step.length, s.probe[:n], s.probe[n:])
                 copy(s.probe, s.y)
                 p.time = t + x * step.length
@@ -406,87 +395,119 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
 
 @kernel
 def _switch_mode(m: Arrays, w: Workspace, s: State, task: Task, log: EventLog) -> int:
-    """Choose the contact mode behind the event at the state, and log what has changed; DONE, or why the run ends or is left."""
+    """Choose the contact mode behind the event at the state, and log what has changed; DONE, or why the run ends or is
+    left."""
     p, event = s.progress, s.attempt.event
-    t, y, slip, corner, n = p.time, s.y, s.slip, s.corner, len(m.inverse_mass)
+    guide = event // 3
     p.idle += 1
     if p.idle > 10 + 6 * len(m.friction):
         return CHATTER
-    right_hand_side(m, w, t, y, slip, corner, s.dy)
+    right_hand_side(m, w, p.time, s.y, s.slip, s.corner, s.dy)
     _remember(m, w, s)
-    guide, function, behind = event // 3, event % 3, False
-    if slip[guide] == 0 and most_capacity(m, w, guide) <= UNLOADED * p.force:
-        function, behind = _way_out(m, w, s, guide), True
-        if function < 0:
-            begin_mode(m, w, s)
-            copy(w.event, s.at_start)
-            p.fresh = 0
-            return DONE
-        right_hand_side(m, w, t, y, slip, corner, s.dy)
-    elif slip[guide] == 0 and choose_branches(m, w, slip, corner, UNLOADED * p.force):
-        right_hand_side(m, w, t, y, slip, corner, s.dy)
-        if w.event[event] > AT_ONCE * noise(s, event):
-            copy(s.dy, s.K[0])
-            copy(w.event, s.at_start)
-            p.fresh = 0
-            return DONE
-    elif slip[guide] != 0 and abs(w.slip_speed[guide]) <= UNLOADED * p.speed and most_capacity(m, w, guide) <= UNLOADED * p.force:
-        function, behind = 0, True
-        copy(s.dy, s.K[0])
-        _look_behind(m, w, s)
-        right_hand_side(m, w, t, y, slip, corner, s.dy)
-    # two-sided values: before in the old mode, after in the new one
+    switches, function, behind = _examine_event(m, w, s, event)
+    if not switches:
+        p.fresh = 0
+        return DONE
     first = p.logged
-    write_sample(w, y, s.dy, slip, log.motion[first, 0], log.force[first, 0], log.slip[first, 0])
-    copy(slip, s.old_slip)
+    write_sample(w, s.y, s.dy, s.slip, log.motion[first, 0], log.force[first, 0], log.slip[first, 0])
+    copy(s.slip, s.old_slip)
     for f in range(len(m.friction)):
-        copy(corner[f], s.old_corner[f])
-    is_corner, others = slip[guide] != 0 and function > 0, 0
-    if is_corner and p.idle < 3 + len(m.friction):
+        copy(s.corner[f], s.old_corner[f])
+    others = 0
+    if s.slip[guide] != 0 and function > 0 and p.idle < 3 + len(m.friction):
         _change_surfaces(m, w, s, event)
     else:
-        for f in range(len(m.friction)):
-            # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
-            s.rest_speed[f] = np.inf if slip[f] == 0 else COINCIDENCE * p.speed
-            if slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(FIRST_STEP * task.t_end, t):
-                s.rest_speed[f] = -1.0
-        if slip[guide] == 0:
-            if can_jam(m, guide):
-                return JAM
-            _break_away(m, w, s, guide, 1 if function == 0 else -1)
-        elif not is_corner:
-            s.rest_speed[guide] = np.inf
-            _come_to_rest(m, w, s)
-        outcome = _choose_behind(m, w, s) if behind else choose_mode(m, w, t, y[:n], y[n:], slip, corner, s.rest_speed)
+        outcome = _change_slip(m, w, s, task, guide, function, behind)
         if outcome != SOLVED:
             return outcome
         others = _count_other_modes(m, w, s)
         for f in range(len(m.friction)):
-            if s.old_slip[f] == 0 and slip[f] != 0:
-                s.began[f] = t
-        if s.began[guide] == t and not behind:
-            copy(y, s.probe)
+            if s.old_slip[f] == 0 and s.slip[f] != 0:
+                s.began[f] = p.time
+        if s.began[guide] == p.time and not behind:
+            copy(s.y, s.probe)
             _foresee_speeds(m, w, s)
     begin_mode(m, w, s)
-    p.gain, _ = gain_of_mode(m, w, slip)
+    p.gain, _ = gain_of_mode(m, w, s.slip)
     copy(w.event, s.at_start)
     p.fresh = 0
     _remember(m, w, s)
+    _log_changes(m, w, s, log, others)
+    return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE
+
+
+@kernel
+def _examine_event(m, w, s, event):
+    """Look at the event at the state: the mode switches or goes on there, the guide's event function, and decided
+    behind it or not.
+
+    It is decided just behind where the guide is unloaded. A guide at rest goes on if it holds there, or on another
+    branch of its capacity.
+    """
+    guide, function, p, slip = event // 3, event % 3, s.progress, s.slip
+    unloaded = most_capacity(m, w, guide) <= UNLOADED * p.force
+    if slip[guide] == 0 and unloaded:
+        function = _way_out(m, w, s, guide)
+        if function < 0:
+            begin_mode(m, w, s)
+            copy(w.event, s.at_start)
+            return False, function, True
+        right_hand_side(m, w, p.time, s.y, slip, s.corner, s.dy)
+        return True, function, True
+    if slip[guide] == 0 and choose_branches(m, w, slip, s.corner, UNLOADED * p.force):
+        right_hand_side(m, w, p.time, s.y, slip, s.corner, s.dy)
+        if w.event[event] > AT_ONCE * noise(s, event):
+            copy(s.dy, s.K[0])
+            copy(w.event, s.at_start)
+            return False, function, False
+    if slip[guide] != 0 and abs(w.slip_speed[guide]) <= UNLOADED * p.speed and unloaded:
+        copy(s.dy, s.K[0])
+        _look_behind(m, w, s)
+        right_hand_side(m, w, p.time, s.y, slip, s.corner, s.dy)
+        return True, 0, True
+    return True, function, False
+
+
+@kernel
+def _change_slip(m, w, s, task, guide, function, behind):
+    """Choose the mode behind an event at which the guide breaks away, or comes to rest, or a corner has changed too
+    often; the outcome."""
+    t, y, slip, n = s.progress.time, s.y, s.slip, len(m.inverse_mass)
+    for f in range(len(m.friction)):
+        # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
+        s.rest_speed[f] = np.inf if slip[f] == 0 else COINCIDENCE * s.progress.speed
+        if slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(FIRST_STEP * task.t_end, t):
+            s.rest_speed[f] = -1.0
+    if slip[guide] == 0:
+        if can_jam(m, guide):
+            return JAM
+        _break_away(m, w, s, guide, 1 if function == 0 else -1)
+    elif function == 0:
+        s.rest_speed[guide] = np.inf
+        _come_to_rest(m, w, s)
+    if behind:
+        return _choose_behind(m, w, s)
+    return choose_mode(m, w, t, y[:n], y[n:], slip, s.corner, s.rest_speed)
+
+
+@kernel
+def _log_changes(m, w, s, log, others):
+    """Log an event for each guide whose mode has changed; the values before it stand in the row of the first."""
+    p, first = s.progress, s.progress.logged
     for f in range(len(m.friction)):
         kind = _kind_of_change(s, f)
         if kind < 0:
             continue
         i = p.logged
-        log.t[i], log.kind[i], log.guide[i], log.others[i] = t, kind, f, others
+        log.t[i], log.kind[i], log.guide[i], log.others[i] = p.time, kind, f, others
         if i > first:
             for k in range(3):
                 copy(log.motion[first, 0, k], log.motion[i, 0, k])
             copy(log.force[first, 0], log.force[i, 0])
             copy(log.slip[first, 0], log.slip[i, 0])
-        write_sample(w, y, s.K[0], slip, log.motion[i, 1], log.force[i, 1], log.slip[i, 1])
+        write_sample(w, s.y, s.K[0], s.slip, log.motion[i, 1], log.force[i, 1], log.slip[i, 1])
         p.logged += 1
         w.counters.events += 1
-    return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE
 
 
 @kernel(allocates=True)
@@ -530,7 +551,8 @@ def _count_other_modes(m: Arrays, w: Workspace, s: State) -> int:
 
 @kernel
 def _change_surfaces(m, w, s, event):
-    """Change the sign of the corner whose event it is, and of all that fell to zero with it, as those of guides that share a load."""
+    """Change the sign of the corner whose event it is, and of all that fell to zero with it, as those of guides that
+    share a load."""
     for f in range(len(m.friction)):
         if s.slip[f] == 0:
             continue
@@ -553,7 +575,8 @@ def _kind_of_change(s, f):
 
 @kernel
 def begin_mode(m: Arrays, w: Workspace, s: State) -> None:
-    """y' into K[0] and the event functions into w.event at the start of a mode, with the branches of capacity that are the largest there.
+    """y' into K[0] and the event functions into w.event at the start of a mode, with the branches of capacity that are
+    the largest there.
 
     Of a guide at rest that is unloaded they are those that are the largest just behind.
     """
@@ -573,8 +596,8 @@ def begin_mode(m: Arrays, w: Workspace, s: State) -> None:
 def _begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
     """Choose the first mode and begin it, of a state whose largest speed is not known yet; returns the outcome.
 
-    Just behind the start it is told how large forces are, and where a guide is unloaded also what moves. Then the largest `load` (N) tells what
-    rounding is: that of a sine law near zero is one of its amplitude.
+    Just behind the start it is told how large forces are, and where a guide is unloaded also what moves. Then the
+    largest `load` (N) tells what rounding is: that of a sine law near zero is one of its amplitude.
     """
     n = len(m.inverse_mass)
     for i in range(n):
@@ -607,7 +630,8 @@ def _begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
 
 @kernel
 def _look_behind(m, w, s):
-    """Row forces and event functions BEHIND a step after the state, with the branches that are the largest there; y' of the state is in K[0]."""
+    """Row forces and event functions BEHIND a step after the state, with the branches that are the largest there; y' of
+    the state is in K[0]."""
     h = BEHIND * s.attempt.h
     for k in range(len(s.y)):
         s.probe[k] = s.y[k] + h * s.K[0, k]
@@ -620,14 +644,16 @@ def _look_behind(m, w, s):
 def _choose_behind(m, w, s):
     """The mode of the state in `probe`, as `choose_mode`."""
     n = len(m.inverse_mass)
-    outcome = choose_mode(m, w, s.progress.time + BEHIND * s.attempt.h, s.probe[:n], s.probe[n:], s.slip, s.corner, s.rest_speed)
+    time = s.progress.time + BEHIND * s.attempt.h
+    outcome = choose_mode(m, w, time, s.probe[:n], s.probe[n:], s.slip, s.corner, s.rest_speed)
     _foresee_speeds(m, w, s)
     return outcome
 
 
 @kernel
 def _foresee_speeds(m, w, s):
-    """Where all has been at rest, what has moved by the state in `probe`: by speeds that are rounding no other could be told from that."""
+    """Where all has been at rest, what has moved by the state in `probe`: by speeds that are rounding no other could be
+    told from that."""
     n, p, h, free = len(m.inverse_mass), s.progress, BEHIND * s.attempt.h, 0.0
     for i in range(n):
         free = max(free, abs(w.free[i]) * (m.length_scale if i % 3 == 2 else 1.0))
@@ -640,7 +666,8 @@ def _foresee_speeds(m, w, s):
 
 @kernel
 def _way_out(m, w, s, guide):
-    """Event function by which a guide at rest that is unloaded breaks away: the lower just behind, -1 if it holds there."""
+    """Event function by which a guide at rest that is unloaded breaks away: the lower just behind, -1 if it holds
+    there."""
     right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
     _look_behind(m, w, s)
     e = 3 * guide
@@ -650,7 +677,8 @@ def _way_out(m, w, s, guide):
 
 @kernel
 def _remember(m, w, s):
-    """Keep the largest speed and force so far, by which rounding is judged; forces in the unit of a guide's normal row."""
+    """Keep the largest speed and force so far, by which rounding is judged; forces in the unit of a guide's normal
+    row."""
     n, y, p = len(m.inverse_mass), s.y, s.progress
     for i in range(n // 3):
         p.speed = max(p.speed, abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
@@ -664,8 +692,8 @@ def _remember(m, w, s):
 def _is_held(m: Arrays, w: Workspace, s: State, t: float, x: float, speed: float, force: float) -> bool:
     """Whether Coulomb's law holds, up to a speed (m/s) and a force (N), at the fraction x of the step that began at t.
 
-    The state there is that of the cubic through both ends. Only if it violates the law a step is made that ends there, into `probe`, and
-    decides.
+    The state there is that of the cubic through both ends. Only if it violates the law a step is made that ends there,
+    into `probe`, and decides.
     """
     length = s.attempt.length
     for k in range(len(s.y)):
@@ -692,8 +720,8 @@ def _violates(m, w, slip, speed, force):
 
 @kernel
 def _first_several(m: Arrays, w: Workspace, s: State, fraction: float) -> tuple[bool, float, float]:
-    """Whether there are several motions somewhere in the first `fraction` of the step, from which fraction on, and one from which
-    on they can be counted."""
+    """Whether there are several motions somewhere in the first `fraction` of the step, from which fraction on, and one
+    from which on they can be counted."""
     low, below = 0.0, True
     for i in range(1, GAIN_SAMPLES + 1):
         high = fraction * i / GAIN_SAMPLES
@@ -719,7 +747,8 @@ def _first_several(m: Arrays, w: Workspace, s: State, fraction: float) -> tuple[
 
 @kernel
 def _onset(m: Arrays, w: Workspace, s: State, low: float, high: float, several: bool) -> float:
-    """By bisection between two fractions of the step: where several motions begin to be counted, or the gain reaches 1."""
+    """By bisection between two fractions of the step: where several motions begin to be counted, or the gain reaches
+    1."""
     while (high - low) * s.attempt.h > 4e-16 * max(s.progress.time, s.attempt.h):
         middle = 0.5 * (low + high)
         _rows_at(m, w, s, middle)
@@ -762,66 +791,11 @@ def _project(m, w, s, has_rows):
 
 
 @dataclass(frozen=True)
-class Run:
-    """What an integration yields: columns at the output times, events, counters, and how it ended."""
+class Options:
+    """What may be asked of an integration besides its tolerance.
 
-    t: np.ndarray
-    columns: dict[str, np.ndarray]
-    events: tuple[Event, ...]
-    cost: Cost
-    breakdown: Breakdown | None
-
-    @property
-    def termination(self) -> str:
-        return "end" if self.breakdown is None else str(self.breakdown)
-
-
-def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarray, corner: np.ndarray,
-                 scales: tuple[float, float] = (1.0, 1.0)) -> Breakdown | None:
-    """The typed end of a run, from what its kernel left behind at the instant where it failed; None at the end of its time.
-
-    Parameters
+    Attributes
     ----------
-    code : int
-        Of `outcomes`.
-    w : Workspace
-        Holding the rows of that instant.
-    slip, corner : ndarray of int
-        The contact mode assumed there.
-    scales : tuple of float
-        Largest speed (m/s) and force (N), by which an audit measures.
-    """
-    if code == DONE:
-        return None
-    m, guide, found = mechanism.arrays, -1, None
-    kind, reason = BREAKDOWNS[code]
-    if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT):
-        _, guide = gain_of_mode(m, w, slip)
-    if code == SIGN_CYCLE:
-        _, _, guide = trial_and_error(m, w, slip, slip == 0, corner, np.zeros(len(w.force)), np.zeros_like(slip))
-    if code == AUDIT:
-        guide = int(np.argmin([min(np.divide(margin(m, w, slip, f), scales)) for f in range(len(m.friction))]))
-    if code == JAM:
-        guide = min((f for f in range(len(m.friction)) if can_jam(m, f)), key=lambda f: abs(w.slip_speed[f]))
-    if code == NONE:
-        found = 0
-    if code == SEVERAL:
-        found = number_of_solutions(mechanism, w, slip, COUNTED)
-    return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide >= 0 else "", found)
-
-
-class Integration:
-    """A motion of a mechanism from t = 0 with frozen contact modes and located events: begun when this is made, stepped when its run is asked for.
-
-    Parameters
-    ----------
-    q, v : ndarray, shape (3 * bodies,)
-        State at t = 0, on the constraints.
-    output : ndarray
-        Output times, increasing, within [0, t_end].
-    rtol : float
-        Local error per step relative to the mechanism's size (positions; 1 rad for angles) and to its
-        largest speed so far (velocities).
     step_limit : int
         Accepted steps after which the run is given up.
     solver : int
@@ -838,16 +812,41 @@ class Integration:
         Gets the ends of all accepted steps (s), and the instant of a breakdown.
     """
 
-    def __init__(self, mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float, rtol: float,
-                 step_limit: int = 10_000_000, solver: int = AUTOMATIC, sides: bool = True, audits: int = 1,
-                 names: Collection[str] | None = None, events_behind: float = -np.inf, ends: list[float] | None = None):
+    step_limit: int = 10_000_000
+    solver: int = AUTOMATIC
+    sides: bool = True
+    audits: int = 1
+    names: Collection[str] | None = None
+    events_behind: float = -np.inf
+    ends: list[float] | None = None
+
+
+class Integration:
+    """A motion of a mechanism from t = 0 with frozen contact modes and located events: begun when this is made, stepped
+    when its run is asked for.
+
+    Parameters
+    ----------
+    q, v : ndarray, shape (3 * bodies,)
+        State at t = 0, on the constraints.
+    output : ndarray
+        Output times, increasing, within [0, t_end].
+    rtol : float
+        Local error per step relative to the mechanism's size (positions; 1 rad for angles) and to its
+        largest speed so far (velocities).
+    options : Options, optional
+    """
+
+    def __init__(self, mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
+                 rtol: float, options: Options = Options()):
         started = clock()
         m, frictional = mechanism.arrays, len(mechanism.guide_names)
-        self._mechanism, self._output, self._sides, self._names, self._events_behind = mechanism, np.array(output, dtype=float), sides, names, events_behind
-        self._ends = ends
-        self._workspace, self._state, fastest = workspace(m, solver), state(q, v, frictional), mechanism.fastest_law() if frictional else 0.0
-        self._task = Task(t_end=t_end, rtol=rtol, longest=LONGEST_STEP / fastest if fastest > 0.0 else np.inf, audits=audits,
-                          projecting=int(mechanism.projection), step_limit=step_limit, kinks=mechanism.kinks(t_end))
+        self._mechanism, self._output, self._options = mechanism, np.array(output, dtype=float), options
+        self._workspace, self._state = workspace(m, options.solver), state(q, v, frictional)
+        fastest = mechanism.fastest_law() if frictional else 0.0
+        self._task = Task(t_end=t_end, rtol=rtol, longest=LONGEST_STEP / fastest if fastest > 0.0 else np.inf,
+                          audits=options.audits, projecting=int(mechanism.projection), step_limit=options.step_limit,
+                          kinks=mechanism.kinks(t_end))
         self._state.progress["step"] = FIRST_STEP * t_end
         self._state.attempt["h"] = min(FIRST_STEP * t_end, self._task.longest)
         self._code = _begin(m, self._workspace, self._state, mechanism.largest_load()) if frictional else DONE
@@ -860,16 +859,17 @@ class Integration:
             return
         started, m, w, s, output = clock(), self._mechanism.arrays, self._workspace, self._state, self._output
         n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
-        self._samples = samples = Samples.zeros(t=len(output), motion=(len(output), 3, n), force=(len(output), size), slip=(len(output), nf))
+        kept, room = len(output), 256 + nf
+        self._samples = samples = Samples.zeros(t=kept, motion=(kept, 3, n), force=(kept, size), slip=(kept, nf))
         samples.t[:] = output
-        room = 256 + nf
-        log = EventLog.zeros(t=room, kind=room, guide=room, others=room, motion=(room, 2, 3, n), force=(room, 2, size), slip=(room, 2, nf))
+        log = EventLog.zeros(t=room, kind=room, guide=room, others=room, motion=(room, 2, 3, n), force=(room, 2, size),
+                             slip=(room, 2, nf))
         prepared, code = clock(), self._code
         while code in (DONE, ROOM):
             s.progress["fresh"], s.progress["missed"], s.progress["logged"], s.progress["aim"] = 1, 0, 0, np.inf
-            code = integrate(m, w, s, self._task, samples, log) if self._ends is None else _step_by_step(m, w, s, self._task, samples, log, self._ends)
+            code = _march(m, w, s, self._task, samples, log, self._options.ends)
             used = int(s.progress["logged"])
-            logged = tuple(part[:used if self._sides or i < 4 else 0] for i, part in enumerate(log))
+            logged = tuple(part[:used if self._options.sides or i < 4 else 0] for i, part in enumerate(log))
             if code != ROOM:
                 self._logged.append(logged)
                 break
@@ -888,32 +888,39 @@ class Integration:
     def run(self) -> Run:
         """What it yields, stepped.
 
-        `breakdown` says where and why it stopped early; the columns then end there. One that stops at the start has the state there, and
-        accelerations and forces that are nan.
+        `breakdown` says where and why it stopped early; the columns then end there. One that stops at the start has the
+        state there, and accelerations and forces that are nan.
         """
         self.step()
-        mechanism, w, s, samples, output, code = self._mechanism, self._workspace, self._state, self._samples, self._output, self._code
+        mechanism, w, s, code = self._mechanism, self._workspace, self._state, self._code
+        samples, output = self._samples, self._output
         n, reached = len(mechanism.arrays.inverse_mass), int(s.progress["next_output"])
         if code != DONE and not reached and len(output) and output[0] == 0.0:
             # it stopped at once: the start is known, accelerations and forces are not
             samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = s.y[:n], s.y[n:], np.nan
             samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
         logged = [np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in zip(*self._logged)]
-        first = np.searchsorted(logged[0], self._events_behind, side="right")
-        columns, events = _columns_and_events(mechanism, [part[:reached] for part in samples], [part[first:] for part in logged], self._sides,
-                                              self._names, FIRST_STEP * self._task.t_end)
+        first = np.searchsorted(logged[0], self._options.events_behind, side="right")
+        columns, events = _columns_and_events(
+            mechanism, [part[:reached] for part in samples], [part[first:] for part in logged], self._options,
+            FIRST_STEP * self._task.t_end)
         breakdown = breakdown_of(code, float(s.progress["time"]), mechanism, w, s.slip, s.corner,
                                  (float(s.progress["speed"]) or 1.0, float(s.progress["force"]) or 1.0))
-        return Run(output[:reached], columns, events, Cost(self._setup_s, 0.0, self._stepping_s, named(w.counters)), breakdown)
+        cost = Cost(self._setup_s, 0.0, self._stepping_s, named(w.counters))
+        return Run(output[:reached], columns, events, cost, breakdown)
 
 
-def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float, rtol: float, **options: Any) -> Run:
-    """The run of an `Integration`, of which these are the parameters."""
-    return Integration(mechanism, q, v, output, t_end, rtol, **options).run
+def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
+                          rtol: float, **options: Any) -> Run:
+    """Return the run of an `Integration`, of which these are the parameters and `Options`."""
+    return Integration(mechanism, q, v, output, t_end, rtol, Options(**options)).run
 
 
-def _step_by_step(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog, ends: list[float]) -> int:
-    """As `integrate`, noting where each accepted step ends."""
+def _march(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog,
+           ends: list[float] | None) -> int:
+    """As `integrate`, noting where each accepted step ends if `ends` are wanted."""
+    if ends is None:
+        return integrate(m, w, s, task, samples, log)
     while True:
         code = integrate(m, w, s, task.replaced(step_limit=int(w.counters["steps"]) + 1), samples, log)
         ends.append(float(s.progress["time"]))
@@ -921,22 +928,23 @@ def _step_by_step(m: Arrays, w: Workspace, s: State, task: Task, samples: Sample
             return code
 
 
-def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray], sides: bool,
-                        names: Collection[str] | None, begun: float) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
-    """Columns of the samples, and the events with the same on both of their sides; arrays as of `Samples` and `EventLog`.
+def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray],
+                        options: Options, begun: float) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
+    """Columns of the samples, and the events with the same on both of their sides; arrays as of `Samples` and
+    `EventLog`.
 
     begun : the least time (s) that SAME_INSTANT is taken of.
     """
     def build(t: np.ndarray, motion: np.ndarray, force: np.ndarray, slip: np.ndarray) -> dict[str, np.ndarray]:
-        return build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)
+        return build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, options.names)
 
     (instants, kinds, guides, others, *sided), columns = log, build(*samples)
     rows: list[dict[str, float]] = [{} for _ in range(2 * len(instants))]
-    if sides and columns and len(instants):
+    if options.sides and columns and len(instants):
         rows = rows_of(build(np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided)))
     events: list[Event] = []
-    for instant, kind, guide, more, before, after in zip(instants.tolist(), kinds.tolist(), guides.tolist(), others.tolist(), rows[::2],
-                                                                rows[1::2]):
+    logged = zip(instants.tolist(), kinds.tolist(), guides.tolist(), others.tolist(), rows[::2], rows[1::2])
+    for instant, kind, guide, more, before, after in logged:
         found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after, more)
         last = events[-1] if events else None
         if last and last.kind == found.kind == "corner" and last.joint == found.joint \

@@ -1,23 +1,27 @@
 """Where in a step an event function becomes zero, compiled.
 
-Three ways, from cheap to thorough. The event functions at the stages of a step tell where the next of them will be zero; the step after it
-is made to end there (`zero_near_end`). The same values tell, by a bound, that no other function has a zero within a step
-(`may_vanish`). Only where that bound fails is the step searched with its dense output (`first_root`), and repeated with the length
-found. Either way what is left is made up for by the secant method on the event function (`go_to_event`), each correction a
-Runge-Kutta step, so that the state at an event is as accurate as any other.
+Three ways, from cheap to thorough. The event functions at the stages of a step tell where the next of them will be
+zero; the step after it is made to end there (`zero_near_end`). The same values tell, by a bound, that no other function
+has a zero within a step (`may_vanish`). Only where that bound fails is the step searched with its dense output
+(`first_root`), and repeated with the length found. Either way what is left is made up for by the secant method on the
+event function (`go_to_event`), each correction a Runge-Kutta step, so that the state at an event is as accurate as any
+other.
 
-Guarantee. Within a mode an event function g is smooth (`contact_modes.event_functions`). Let p be its polynomial through n + 1 points of
-an interval. The Bernstein coefficients b_i of p bound it: p >= min b_i on the whole interval. Hence g > 0 wherever
+Guarantee. Within a mode an event function g is smooth (`contact_modes.event_functions`). Let p be its polynomial
+through n + 1 points of an interval. The Bernstein coefficients b_i of p bound it: p >= min b_i on the whole interval.
+Hence g > 0 wherever
 
     min b_i > tau ,    tau >= |g - p| on the interval.
 
-A step passes only if this holds on each interval of a division of it, n = 4 for the whole step, or n = 8 for the parts of a searched
-one, which is divided until it does, until a zero is enclosed, or until tau is below rounding. One exception: a function that is still unresolved
-in a FINEST part, or after PARTS parts, as one that jumps or is noise near zero, is judged by its values at the nodes. tau is an estimate, not a proof: from values of g that p
-does not use, or from the last two of its Chebyshev coefficients. It is right where g is resolved by the points, that is where its
-higher derivatives do not change faster than those that are seen. For the motion the control of errors sees to that; for loads that act on
-a mechanism at rest, whose motion tells nothing, no step is longer than half a period of the fastest one
-(`event_driven.LONGEST_STEP`). The first zero of g below minus its rounding (`step.noise`) is then found to the accuracy of the dense output.
+A step passes only if this holds on each interval of a division of it, n = 4 for the whole step, or n = 8 for the parts
+of a searched one, which is divided until it does, until a zero is enclosed, or until tau is below rounding. One
+exception: a function that is still unresolved in a FINEST part, or after PARTS parts, as one that jumps or is noise
+near zero, is judged by its values at the nodes. tau is an estimate, not a proof: from values of g that p does not use,
+or from the last two of its Chebyshev coefficients. It is right where g is resolved by the points, that is where its
+higher derivatives do not change faster than those that are seen. For the motion the control of errors sees to that; for
+loads that act on a mechanism at rest, whose motion tells nothing, no step is longer than half a period of the fastest
+one (`event_driven.LONGEST_STEP`). The first zero of g below minus its rounding (`step.noise`) is then found to the
+accuracy of the dense output.
 """
 
 from __future__ import annotations
@@ -37,18 +41,19 @@ from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
 SETTLED = 1e-6
-"""Part of the step by which a zero of the dense output may still move when it is taken: what that is wrong by is left to the
-secant method."""
+"""Part of the step by which a zero of the dense output may still move when it is taken: what that is wrong by is left
+to the secant method."""
 FOUND = 1e-12
 """Part of the step to which a jump of an event function is located in the dense output."""
 BESIDE = 1e-7
-"""Part of the step over which the slope of an event function is taken, lest it be rounding, and below which an event may be at the
-start of a step."""
+"""Part of the step over which the slope of an event function is taken, lest it be rounding, and below which an event
+may be at the start of a step."""
 SLOPE = 1e-3
-"""Part of the step over which the slope that comes with a zero of the dense output was taken, about: by so much it is wrong."""
+"""Part of the step over which the slope that comes with a zero of the dense output was taken, about: by so much it is
+wrong."""
 LEFT = 1e-12
-"""Part of the step by which an event may be missed: what the last correction, made by Euler's method, is wrong by, its own size times
-that or times the error of the slope."""
+"""Part of the step by which an event may be missed: what the last correction, made by Euler's method, is wrong by, its
+own size times that or times the error of the slope."""
 NEAR = 0.01
 """Part of the step up to which an event is approached by Runge-Kutta steps of order 4."""
 AHEAD = 6.0
@@ -62,9 +67,10 @@ HALVINGS = 30
 OWN_ZERO = 1e-9
 """An event function at the start of a step below this part of its largest value there had its own event then."""
 CREEP = 1e-3
-"""Part of the largest speed or force so far by which an event function may be negative where its mode begins. A guide at rest creeps by the
-integration error, and does so for an instant when it has broken away: it has no event unless it falls below where it began. What is further
-below zero is in the wrong mode, as where redundant guides share their load anew."""
+"""Part of the largest speed or force so far by which an event function may be negative where its mode begins. A guide
+at rest creeps by the integration error, and does so for an instant when it has broken away: it has no event unless it
+falls below where it began. What is further below zero is in the wrong mode, as where redundant guides share their load
+anew."""
 
 AIMS = (0, 4, 8, 9, 12)
 """Stages, in the order of times, through whose event functions the polynomial of a step is drawn."""
@@ -74,11 +80,12 @@ _TIMES = np.sort(C)
 _AHEAD = np.linalg.inv(np.vander(_TIMES[list(AIMS)] - 1.0, increasing=True))
 """From those five values to the coefficients of their polynomial about the end of the step."""
 SAFETY = 4.0
-"""Times the largest distance at the CHECKS up to which the polynomial may be wrong. Its error is w(x) g^(5)/5!, w the product of the distances to
-the AIMS; the largest |w| on the step, 0.0040, is that at the last of the CHECKS, so that 1 would do for a constant g^(5)."""
+"""Times the largest distance at the CHECKS up to which the polynomial may be wrong. Its error is w(x) g^(5)/5!, w the
+product of the distances to the AIMS; the largest |w| on the step, 0.0040, is that at the last of the CHECKS, so that 1
+would do for a constant g^(5)."""
 SAFETY_AT_ZERO = 120.0
-"""The same of a polynomial divided by the distance to one end of the step, where g is zero: |w/x| is 0.11 at most, 26 times |w| at the last of
-the CHECKS."""
+"""The same of a polynomial divided by the distance to one end of the step, where g is zero: |w/x| is 0.11 at most, 26
+times |w| at the last of the CHECKS."""
 
 _X = 0.5 - 0.5 * np.cos(np.pi * np.arange(NODES + 1) / NODES)
 _X[0], _X[-1] = 0.0, 1.0
@@ -105,20 +112,23 @@ _NODES_TO_BERNSTEIN = _bernstein(_X)
 _NODES_TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * _X - 1.0, NODES))[-2:]
 """From values at the nodes to the last two Chebyshev coefficients."""
 TAIL_AT_ZERO = 2.0 * (NODES + 1) ** 2
-"""Times tau that a polynomial divided by the distance to the end where it is zero may be wrong: the slope of a Chebyshev polynomial at its end."""
+"""Times tau that a polynomial divided by the distance to the end where it is zero may be wrong: the slope of a
+Chebyshev polynomial at its end."""
 FINEST = 2.0 ** -24
-"""Part of a step down to which it is divided in search of a zero: a function that falls below zero by 10^-13 of its size and returns does so
-within 10^-6 of the time in which it changes."""
+"""Part of a step down to which it is divided in search of a zero: a function that falls below zero by 10^-13 of its
+size and returns does so within 10^-6 of the time in which it changes."""
 PARTS = 512
-"""Parts of a step that are searched at most, each at a cost of NODES right-hand sides. A smooth function takes some twice as many as
-halvings to FINEST for each zero that it grazes; one that is noise near zero would never end."""
+"""Parts of a step that are searched at most, each at a cost of NODES right-hand sides. A smooth function takes some
+twice as many as halvings to FINEST for each zero that it grazes; one that is noise near zero would never end."""
 FREE, UNRESOLVED = -1, 0
-"""Verdicts on an event function in an interval: no zero, and one that a finer division must decide. Otherwise the first node behind a zero."""
+"""Verdicts on an event function in an interval: no zero, and one that a finer division must decide. Otherwise the first
+node behind a zero."""
 
 
 @kernel
 def zero_near_end(before: Reals, seen: Table, e: int) -> float:
-    """Distance from the end of the step to the next zero of event function e, or to one just passed, in steps; infinite if none is in sight.
+    """Distance from the end of the step to the next zero of event function e, or to one just passed, in steps; infinite
+    if none is in sight.
 
     before : event functions at the start of the step.  seen : those of its stages, in the order of times.
     """
@@ -162,7 +172,8 @@ def falls_to_end(s, e):
 
 @kernel
 def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: float) -> bool:
-    """Whether event function e has no zero within the step; one that rises from its start is not asked there, one that `falls` not at the end."""
+    """Whether event function e has no zero within the step; one that rises from its start is not asked there, one that
+    `falls` not at the end."""
     v0, v1, v2, v3, v4 = before[e], seen[AIMS[1] - 1, e], seen[AIMS[2] - 1, e], seen[AIMS[3] - 1, e], seen[AIMS[4] - 1, e]
     largest = max(abs(v0), abs(v1), abs(v2), abs(v3), abs(v4))
     wrong = 0.0
@@ -212,9 +223,9 @@ def _evaluate(m, w, s, x):
 def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
     """First zero of an event function within the step: its fraction of the step, its index, and the slope per fraction.
 
-    Index -1 if there is none. The step is searched in parts, from its start: one in which the bound of the module's docstring neither
-    excludes a zero nor encloses one is halved, the one after it is twice as long. `State.sampled` has the event functions at the nodes of a part,
-    `State.bernstein` coefficients of one of them.
+    Index -1 if there is none. The step is searched in parts, from its start: one in which the bound of the module's
+    docstring neither excludes a zero nor encloses one is halved, the one after it is twice as long. `State.sampled` has
+    the event functions at the nodes of a part, `State.bernstein` coefficients of one of them.
     """
     value, low, width, parts = s.sampled, 0.0, 1.0, 0
     copy(s.at_start, value[0])
@@ -252,7 +263,8 @@ def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
 def _examine(value, e, rounding, starts, finest, bernstein):
     """Verdict on event function e in a part of a step: FREE, UNRESOLVED, or the first node behind its first zero.
 
-    rounding : by which it may be negative.  starts : whether the step starts here, in the right mode.  finest : whether the part must not be divided.
+    rounding : by which it may be negative.  starts : whether the step starts here, in the right mode.  finest : whether
+    the part must not be divided.
     """
     largest, behind = 0.0, FREE
     for i in range(NODES + 1):
@@ -288,7 +300,8 @@ def _examine(value, e, rounding, starts, finest, bernstein):
 
 @kernel
 def _is_above(b, starts, tail, rounding):
-    """Whether a function whose polynomial has the Bernstein coefficients b, but for an error `tail`, is positive, or above where it `starts`."""
+    """Whether a function whose polynomial has the Bernstein coefficients b, but for an error `tail`, is positive, or
+    above where it `starts`."""
     if starts:
         lowest = np.inf
         for k in range(1, NODES + 1):
@@ -303,7 +316,8 @@ def _is_above(b, starts, tail, rounding):
 
 @kernel
 def _split(b, x, left):
-    """Bernstein coefficients of the part of a polynomial up to x into `left`, of the part behind it in place (de Casteljau)."""
+    """Bernstein coefficients of the part of a polynomial up to x into `left`, of the part behind it in place (de
+    Casteljau)."""
     left[0] = b[0]
     for k in range(1, NODES + 1):
         for i in range(NODES + 1 - k):
@@ -313,7 +327,8 @@ def _split(b, x, left):
 
 @kernel
 def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at_low: float, at_high: float) -> tuple[float, float]:
-    """Zero of event function e between two fractions of the step, and its slope: inverse interpolation with bisection."""
+    """Zero of event function e between two fractions of the step, and its slope: inverse interpolation with
+    bisection."""
     slope = (at_high - at_low) / (high - low)
     if at_low <= 0.0:
         # an event function is zero, give or take rounding, where its own event began the step: if it rises before it
@@ -359,10 +374,9 @@ def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at
 def go_to_event(m: Arrays, w: Workspace, s: State, h: float, correction: float, error: float, event: int, first: bool) -> tuple[float, bool]:
     """From the end of a step h to the zero of an event function, by the secant method.
 
-    correction : how much longer the step must be; `error`: the part of itself by which that is wrong.  first : there is to be no zero of
-    another event function on the way.
-    Returns the step, and whether it ends at the zero; w.event is then of its end. If the zero is off by more than a hundredth of the step, then its slope is not
-    believed either.
+    correction : how much longer the step must be; `error`: the part of itself by which that is wrong.  first : there is
+    to be no zero of another event function on the way. Returns the step, and whether it ends at the zero; w.event is
+    then of its end. If the zero is off by more than a hundredth of the step, then its slope is not believed either.
     """
     t, y_new, K = s.progress.time, s.y_new, s.K
     value = s.seen[STAGES - 1, event]

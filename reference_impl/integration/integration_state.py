@@ -26,10 +26,11 @@ PROGRESS = np.dtype([("time", float), ("step", float), ("speed", float), ("force
                      ("idle", np.int64), ("logged", np.int64), ("fresh", np.int64)])
 """What the integration carries from step to step.
 
-time, step : s; the step is the one proposed next.  speed, force : the largest so far, m/s and N; rounding is judged by them.  gain : friction gain
-(`uniqueness`) at the last accepted step.  checked : time (s) at which progress was looked at last.  aim : seconds to where an event is expected, of the event
-function `aimed`; inf if none is.  missed : times that the present step was shortened for an event.  next_output, next_kink : places in the output times and
-in the times at which a law is not smooth.  idle : events that no time passed between.  logged : events in the log.  fresh : 1 where
+time, step : s; the step is the one proposed next.  speed, force : the largest so far, m/s and N; rounding is judged by
+them.  gain : friction gain (`uniqueness`) at the last accepted step.  checked : time (s) at which progress was looked
+at last.  aim : seconds to where an event is expected, of the event function `aimed`; inf if none is.  missed : times
+that the present step was shortened for an event.  next_output, next_kink : places in the output times and in the times
+at which a law is not smooth.  idle : events that no time passed between.  logged : events in the log.  fresh : 1 where
 the state has changed since y' and the event functions were evaluated.
 """
 ATTEMPT = np.dtype([("h", float), ("stop", float), ("resolution", float), ("error", float), ("proposal", float), ("length", float),
@@ -37,10 +38,11 @@ ATTEMPT = np.dtype([("h", float), ("stop", float), ("resolution", float), ("erro
                     ("at_once", np.int64), ("has_rows", np.int64), ("shorter", np.int64), ("critical", np.int64), ("lost", np.int64)])
 """What is known of the step that is being made.
 
-h : its length as attempted (s).  stop : time that it must not pass.  resolution : seconds that time can resolve there.  error : estimated, 1 is at the
-tolerance.  proposal : the step after it.  length : what is kept of it (s), up to the event function `event` (-1: none), at the `fraction` of h.  gain :
-friction gain at its end.  Flags: it reaches_stop; it aims at an expected event; its event is at_once, at its start; it is shorter than attempted; the workspace
-has_rows of its end; the gain is critical; the motion is lost in it, several of them being counted at the fraction `counted`.
+h : its length as attempted (s).  stop : time that it must not pass.  resolution : seconds that time can resolve there.
+error : estimated, 1 is at the tolerance.  proposal : the step after it.  length : what is kept of it (s), up to the
+event function `event` (-1: none), at the `fraction` of h.  gain : friction gain at its end.  Flags: it reaches_stop; it
+aims at an expected event; its event is at_once, at its start; it is shorter than attempted; the workspace has_rows of
+its end; the gain is critical; the motion is lost in it, several of them being counted at the fraction `counted`.
 """
 
 

@@ -1,18 +1,20 @@
 """Moreau's time stepping with unilateral contacts at a small clearance, compiled.
 
-The method before bilateral guides with friction (Flores, Leine & Glocker, Modeling and analysis of planar rigid multibody systems
-with translational clearance joints based on the non-smooth dynamics approach, Multibody Syst. Dyn. 23 (2010) 165-190). Each
-corner of a slider may touch the surface of the guide beside it, at the gap g; a guide without length has its point between two
-surfaces. With clearance c the slider can move by +-c across its guide. A step from (q, v) to (q+, v+), with q_M = q + dt/2 v:
+The method before bilateral guides with friction (Flores, Leine & Glocker, Modeling and analysis of planar rigid
+multibody systems with translational clearance joints based on the non-smooth dynamics approach, Multibody Syst. Dyn. 23
+(2010) 165-190). Each corner of a slider may touch the surface of the guide beside it, at the gap g; a guide without
+length has its point between two surfaces. With clearance c the slider can move by +-c across its guide. A step from (q,
+v) to (q+, v+), with q_M = q + dt/2 v:
 
     M (v+ - v) = dt Q(t_M, q_M, v) + J^T P + W_N P_N + W_T P_T ,    q+ = q_M + dt/2 v+
-    J v+ + Phi_t = -Phi/dt                               pins, drives, angle of a slider without length, all at (t_M, q_M)
-    0 <= P_N  _|_  W_N^T v+ + e W_N^T v >= 0              contacts with g(q_M) <= 0; e: Newton's coefficient of restitution
-    P_T in mu P_N [-1, 1],  -W_T^T v+ in its normal cone  Coulomb's law; there is one coefficient, mus is not used
+    J v+ + Phi_t = -Phi/dt                               pins, drives, angle of a slider without length, all at (t_M,
+    q_M) 0 <= P_N  _|_  W_N^T v+ + e W_N^T v >= 0              contacts with g(q_M) <= 0; e: Newton's coefficient of
+    restitution P_T in mu P_N [-1, 1],  -W_T^T v+ in its normal cone  Coulomb's law; there is one coefficient, mus is
+    not used
 
-Bilateral impulses are eliminated. What is left is a linear complementarity problem with P_T = b1 - b2 and the largest slip l
-of a contact (Stewart & Trinkle, Int. J. Numer. Methods Eng. 39 (1996) 2673-2691, one direction in the plane), copositive, so that
-Lemke's method finds a solution wherever some velocity is admissible:
+Bilateral impulses are eliminated. What is left is a linear complementarity problem with P_T = b1 - b2 and the largest
+slip l of a contact (Stewart & Trinkle, Int. J. Numer. Methods Eng. 39 (1996) 2673-2691, one direction in the plane),
+copositive, so that Lemke's method finds a solution wherever some velocity is admissible:
 
     w_N = D_NN P_N + D_NT (b1 - b2) + c_N      w_i = +-(D_TN P_N + D_TT (b1 - b2) + c_T) + l      w_l = mu P_N - b1 - b2
 
@@ -25,32 +27,32 @@ from typing import Annotated
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Cube, IntegerTable, Integers, Reals, Table
-from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.bundle import Bundle, Cube, Integers, Reals, Table
+from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate_columns
-from stiction.reference_impl.compiled.linked_workspace import clock
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS, DONE, NOT_FINITE, SINGULAR, SOLVED
-from stiction.reference_impl.integration.event_driven import Run
+from stiction.reference_impl.integration.result import Run, Samples
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, _along, direction_at, point_at, workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost
 
-CONTACT = np.dtype([("guide", np.int64), ("corner", np.int64), ("a", np.int64), ("b", np.int64), ("ax", float), ("ay", float),
-                    ("bx", float), ("by", float), ("ux", float), ("uy", float), ("side", float), ("along", float),
-                    ("across", float), ("offset", float), ("mu", float)])
+CONTACT = np.dtype([*((name, np.int64) for name in ("guide", "corner", "a", "b")),
+                    *((name, float) for name in ("ax", "ay", "bx", "by", "ux", "uy", "side", "along", "across", "offset", "mu"))])
 GUIDE = np.dtype([("row", np.int64), ("friction", np.int64), ("corners", np.int64)])
 AT_REST = 1e-10
 """Slip speed of a loaded contact, relative to the largest speed, that counts as none: Lemke's zeros are rounding."""
 GOLDEN = 0.6180339887498949
-"""Spreads Lemke's covering vector over 1 .. 1.5: the two corners on one surface have one tangential direction, and with equal
-weights their ties led his method to a ray within seconds of the paper's example."""
-STEPS, CONTACTS, PIVOTS = range(3)
-COUNTER_NAMES = ("steps", "contacts", "pivots")
+"""Spreads Lemke's covering vector over 1 .. 1.5: the two corners on one surface have one tangential direction, and with
+equal weights their ties led his method to a ray within seconds of the paper's example."""
+WORK = np.dtype([("steps", np.int64), ("contacts", np.int64), ("pivots", np.int64)])
+
+
+Table4 = Annotated[np.ndarray, np.float64, 4]
 
 
 class Contacts(Bundle):
@@ -59,8 +61,9 @@ class Contacts(Bundle):
     Attributes
     ----------
     contact : ndarray of CONTACT
-        Corner 0 .. 3 (lower rear, lower front, upper front, upper rear) at (ax, ay) of body a, (along, across) its place seen
-        from the slider's point; side 1: the lower surface, which pushes along the normal; gap = side * coordinate + offset.
+        Corner 0 .. 3 (lower rear, lower front, upper front, upper rear) at (ax, ay) of body a, (along, across) its
+        place seen from the slider's point; side 1: the lower surface, which pushes along the normal; gap = side *
+        coordinate + offset.
     guide : ndarray of GUIDE
         Row of the normal force, frictional guide or -1, corners: 4, or 2 of a guide without length.
     bilateral : ndarray of int
@@ -70,6 +73,42 @@ class Contacts(Bundle):
     contact: Annotated[np.ndarray, CONTACT, 1]
     guide: Annotated[np.ndarray, GUIDE, 1]
     bilateral: Integers
+
+
+class Task(Bundle):
+    """Steps of one length dt (s), of which every `every`-th instant is kept; Newton's coefficient of restitution."""
+
+    dt: float
+    steps: int
+    every: int
+    restitution: float
+
+
+class State(Bundle):
+    """State at the start of a step, and what the step yields.
+
+    Attributes
+    ----------
+    q, v, v_new : (3 * bodies,)
+    old : (3 * bodies,)
+        q at the start of the step, which it replaces by that at its end.
+    force : (rows + frictional,)
+        Row forces, N and N m: impulses over dt.
+    corner : (guides, 4, 2)
+        Normal force and friction of each corner, N.
+    slip : (frictional,)
+        Direction, 0 at rest.
+    work : record of WORK
+    """
+
+    q: Reals
+    v: Reals
+    v_new: Reals
+    old: Reals
+    force: Reals
+    corner: Cube
+    slip: Integers
+    work: Annotated[np.ndarray, WORK, 0]
 
 
 def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
@@ -130,9 +169,11 @@ def _active_rows(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals
 
 @kernel(allocates=True)
 def _bilateral(m: Arrays, w: Workspace, contacts: Contacts, W: Table, dt: float) -> tuple[Table, Table]:
-    """Of the bilateral rows: J (rows, 3 * bodies), what they must take up, and its answer to that and to contact impulses.
+    """Of the bilateral rows: J (rows, 3 * bodies), what they must take up, and its answer to that and to contact
+    impulses.
 
-    The last: X (rows, 1 + contacts), with impulses P = X[:, 0] - X[:, 1:] P_c; without rows if they cannot be solved for.
+    The last: X (rows, 1 + contacts), with impulses P = X[:, 0] - X[:, 1:] P_c; without rows if they cannot be solved
+    for.
     """
     kept = contacts.bilateral
     n, place = len(kept), np.zeros(len(w.G), dtype=np.int64)
@@ -213,9 +254,10 @@ def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int
 
 
 @kernel(allocates=True)
-def _step(m: Arrays, w: Workspace, contacts: Contacts, t: float, dt: float, restitution: float, q: Reals, v: Reals, v_new: Reals,
-          force: Reals, corner: Cube, slip: Integers, counters: Integers) -> int:
-    """One step from (t, q, v): q becomes q+, v+ goes to v_new, impulses over dt to force and corner; returns the outcome."""
+def _step(m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, t: float) -> int:
+    """One step from (t, q, v): q becomes q+, v+ goes to v_new, impulses over dt to force and corner; returns the
+    outcome."""
+    dt, q, v, v_new = task.dt, s.q, s.v, s.v_new
     for k in range(len(q)):
         q[k] += 0.5 * dt * v[k]
     row_form(m, w, t + 0.5 * dt, q, v)
@@ -234,11 +276,11 @@ def _step(m: Arrays, w: Workspace, contacts: Contacts, t: float, dt: float, rest
         c, mu = np.zeros(2 * n), np.zeros(n)
         for i in range(2 * n):
             for k in range(len(v)):
-                c[i] += W[i, k] * (v_new[k] + (restitution * v[k] if i < n else 0.0))
+                c[i] += W[i, k] * (v_new[k] + (task.restitution * v[k] if i < n else 0.0))
         for i in range(n):
             mu[i] = contacts.contact[closed[i]].mu
         outcome, pivots = _contact_impulses(_contact_matrix(m, W, J, X), c, mu, P)
-        counters[PIVOTS] += pivots
+        s.work.pivots += pivots
         if outcome != SOLVED:
             return outcome
         for k in range(len(v)):
@@ -248,8 +290,12 @@ def _step(m: Arrays, w: Workspace, contacts: Contacts, t: float, dt: float, rest
             for r in range(len(J)):
                 impulse -= J[r, k] * _answer(X, r, P)
             v_new[k] += m.inverse_mass[k] * impulse
-    counters[CONTACTS] += n
-    _reactions(m, w, contacts, closed, W, P, X, dt, v_new, force, corner, slip)
+    s.work.contacts += n
+    for r in range(len(s.force)):
+        s.force[r] = 0.0
+    for i in range(len(contacts.bilateral)):
+        s.force[contacts.bilateral[i]] = (X[i, 0] - _answer(X, i, P)) / dt
+    _reactions(m, w, contacts, s, dt, closed, W, P)
     for k in range(len(q)):
         q[k] += 0.5 * dt * v_new[k]
     return SOLVED
@@ -265,14 +311,11 @@ def _answer(X, r, P):
 
 
 @kernel(allocates=True)
-def _reactions(m: Arrays, w: Workspace, contacts: Contacts, closed: Integers, W: Table, P: Reals, X: Table, dt: float, v_new: Reals,
-               force: Reals, corner: Cube, slip: Integers) -> None:
-    """Row forces, corner forces (guide, corner, normal | friction) and directions of slip from the impulses."""
+def _reactions(m: Arrays, w: Workspace, contacts: Contacts, s: State, dt: float, closed: Integers, W: Table,
+               P: Reals) -> None:
+    """Forces of the guides' rows and corners, and directions of slip, from the impulses of the closed contacts."""
     n, speed, heaviest = len(closed), 0.0, np.zeros(len(contacts.guide))
-    for r in range(len(force)):
-        force[r] = 0.0
-    for i in range(len(contacts.bilateral)):
-        force[contacts.bilateral[i]] = (X[i, 0] - _answer(X, i, P)) / dt
+    v_new, force, corner, slip = s.v_new, s.force, s.corner, s.slip
     for k in range(len(v_new)):
         speed = max(speed, abs(v_new[k]))
     for g in range(len(contacts.guide)):
@@ -300,40 +343,38 @@ def _reactions(m: Arrays, w: Workspace, contacts: Contacts, closed: Integers, W:
             slip[guide.friction] = 0 if abs(velocity) <= AT_REST * speed else 1 if velocity > 0.0 else -1
 
 
-@kernel(allocates=True)
-def march(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals, dt: float, steps: int, every: int, restitution: float,
-          motion: Cube, forces: Table, corners: Annotated[np.ndarray, np.float64, 4], slips: IntegerTable,
-          counters: Integers) -> tuple[int, int, float]:
-    """March `steps` steps of dt, writing every `every`-th instant; returns outcome, samples and time reached.
+@kernel
+def march(m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, samples: Samples,
+          corners: Table4) -> tuple[int, int, float]:
+    """March through the steps; returns outcome, samples and time reached.
 
     A sample holds the state at its instant and the impulses of the step that begins there.
     """
-    v_new, force, slip = np.zeros(len(v)), np.zeros(len(w.force)), np.zeros(len(m.friction), dtype=np.int64)
-    corner, old = np.zeros((len(contacts.guide), 4, 2)), np.zeros(len(q))
     written = 0
-    for step in range(steps + 1):
-        copy(q, old)
-        outcome = _step(m, w, contacts, step * dt, dt, restitution, q, v, v_new, force, corner, slip, counters)
+    for step in range(task.steps + 1):
+        copy(s.q, s.old)
+        outcome = _step(m, w, contacts, s, task, step * task.dt)
         if outcome != SOLVED:
-            return outcome, written, step * dt
-        if not is_finite(v_new):
-            return NOT_FINITE, written, step * dt
-        if step % every == 0:
-            for k in range(len(v)):
-                motion[written, 0, k], motion[written, 1, k], motion[written, 2, k] = old[k], v[k], (v_new[k] - v[k]) / dt
-            copy(force, forces[written])
-            copy(slip, slips[written])
-            for g in range(len(corner)):
-                for k in range(corner.shape[1]):
-                    corners[written, g, k, 0], corners[written, g, k, 1] = corner[g, k, 0], corner[g, k, 1]
+            return outcome, written, step * task.dt
+        if not is_finite(s.v_new):
+            return NOT_FINITE, written, step * task.dt
+        if step % task.every == 0:
+            for k in range(len(s.v)):
+                motion = samples.motion[written]
+                motion[0, k], motion[1, k], motion[2, k] = s.old[k], s.v[k], (s.v_new[k] - s.v[k]) / task.dt
+            copy(s.force, samples.force[written])
+            copy(s.slip, samples.slip[written])
+            for g in range(len(s.corner)):
+                for k in range(s.corner.shape[1]):
+                    corners[written, g, k, 0], corners[written, g, k, 1] = s.corner[g, k, 0], s.corner[g, k, 1]
             written += 1
-        copy(v_new, v)
-        counters[STEPS] += 1
-    return DONE, written, steps * dt
+        copy(s.v_new, s.v)
+        s.work.steps += 1
+    return DONE, written, task.steps * task.dt
 
 
-def simulate_moreau(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int, clearance: float,
-                    restitution: float) -> Run:
+def simulate_moreau(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int,
+                    clearance: float, restitution: float) -> Run:
     """March a mechanism from t = 0 with clearance in its guides.
 
     Parameters
@@ -343,28 +384,30 @@ def simulate_moreau(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: floa
     dt : float
         Step (s); `steps` of them, every `every`-th instant is kept.
     clearance : float
-        Gap (m) between a slider in the middle and each surface, > 0: opposite corners without any would press each other.
+        Gap (m) between a slider in the middle and each surface, > 0: opposite corners without any would press each
+        other.
     restitution : float
         Newton's coefficient, 0 .. 1.
 
     Returns
     -------
     Run
-        Columns as of the other methods; corner forces are impulses over dt, ``drift`` includes the motion within the clearance.
+        Columns as of the other methods; corner forces are impulses over dt, ``drift`` includes the motion within the
+        clearance.
     """
     started = clock()
     m, w, contacts = mechanism.arrays, workspace(mechanism.arrays), contacts_of(mechanism, clearance)
-    kept, guides = steps // every + 1, len(contacts.guide)
-    motion, forces = np.zeros((kept, 3, len(m.inverse_mass))), np.zeros((kept, m.rows + len(m.friction)))
-    corners, slips = np.zeros((kept, guides, 4, 2)), np.zeros((kept, len(m.friction)), dtype=np.int64)
-    counters = np.zeros(len(COUNTER_NAMES), dtype=np.int64)
+    n, nf, guides, kept = len(m.inverse_mass), len(m.friction), len(contacts.guide), steps // every + 1
+    size = m.rows + nf
+    samples = Samples.zeros(t=kept, motion=(kept, 3, n), force=(kept, size), slip=(kept, nf))
+    state = State.zeros(q=n, v=n, v_new=n, old=n, force=size, corner=(guides, 4, 2), slip=nf, work=())
+    state.q[:], state.v[:], corners = q, v, np.zeros((kept, guides, 4, 2))
     prepared = clock()
-    code, written, reached = march(m, w, contacts, q.copy(), v.copy(), dt, steps, every, restitution, motion, forces, corners,
-                                   slips, counters)
+    code, written, reached = march(m, w, contacts, state, Task(dt, steps, every, restitution), samples, corners)
     stepped = clock()
-    motion, corners = motion[:written], corners[:written]
-    t = np.arange(written) * (every * dt)
-    columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], forces[:written], slips[:written])
+    t, motion, corners = np.arange(written) * (every * dt), samples.motion[:written], corners[:written]
+    columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], samples.force[:written],
+                            samples.slip[:written])
     for i, (name, guide) in enumerate(mechanism.scene.guides.items()):
         if guide.length is not None:
             columns |= {f"{name}.F{k + 1}": corners[:, i, k, 0] for k in range(4)}
@@ -372,5 +415,5 @@ def simulate_moreau(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: floa
             columns |= {f"{name}.friction_lower": corners[:, i, :2, 1].sum(axis=1),
                         f"{name}.friction_upper": corners[:, i, 2:, 1].sum(axis=1)}
     breakdown = None if code == DONE else Breakdown(BREAKDOWNS[code][0], float(reached), BREAKDOWNS[code][1])
-    return Run(t, columns, (), Cost(prepared - started, 0.0, stepped - prepared, dict(zip(COUNTER_NAMES, map(int, counters)))),
-               breakdown)
+    work = dict(zip(WORK.names, state.work.tolist()))
+    return Run(t, columns, (), Cost(prepared - started, 0.0, stepped - prepared, work), breakdown)

@@ -10,7 +10,8 @@ from stiction.reference_impl.compiled.bundle import IntegerTable, Integers, Real
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction import hlcp
-from stiction.reference_impl.friction.contact_modes import capacity, event_functions, solve_mode
+from stiction.reference_impl.friction.contact_modes import event_functions, solve_mode
+from stiction.reference_impl.friction.coulomb import capacity
 from stiction.reference_impl.friction.outcomes import SOLVED
 from stiction.reference_impl.friction.uniqueness import COUNTED
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
@@ -19,8 +20,8 @@ from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
 HELD = 1e-9
-"""Acceleration of a guide at rest, relative to what the largest force would give it, from which on it is not held: what rounding leaves of
-redundant rows is a thousandth of that."""
+"""Acceleration of a guide at rest, relative to what the largest force would give it, from which on it is not held: what
+rounding leaves of redundant rows is a thousandth of that."""
 
 
 @kernel
@@ -44,11 +45,12 @@ def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers,
 def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
     """Friction and event functions of stuck guides that share their friction indeterminately.
 
-    The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is admissible. No forces hold
-    a guide that a drive begins to move, as a slider's whose crank starts from its dead centre: its event function is minus its acceleration.
-    Event functions: of the shortest forces the margins; of others minus the acceleration that the HLCP gives a guide, else 1. They jump
-    where the share changes, so that what `event_location` guarantees does not hold for such guides. Returns False where the HLCP
-    has no solution, or none is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
+    The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is
+    admissible. No forces hold a guide that a drive begins to move, as a slider's whose crank starts from its dead
+    centre: its event function is minus its acceleration. Event functions: of the shortest forces the margins; of others
+    minus the acceleration that the HLCP gives a guide, else 1. They jump where the share changes, so that what
+    `event_location` guarantees does not hold for such guides. Returns False where the HLCP has no solution, or none is
+    found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
     """
     stuck, admissible, held = np.zeros(len(m.friction), dtype=np.bool_), True, True
     for f in range(len(m.friction)):

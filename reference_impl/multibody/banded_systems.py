@@ -1,9 +1,9 @@
 """The structure of a large mechanism's linear systems, compiled.
 
-A cell is a set of bodies that joints and drives connect. Springs act between cells, but no row does: G is block diagonal, and
-the contact problems of different cells are separate. Within a cell the rows are put into an order (reverse Cuthill-McKee)
-in which G is a band; the tangential rows stand among them. A system of a cell has all of its rows: the equation of the
-tangential row of a guide that slips is its law of friction, of any other the guide's motion.
+A cell is a set of bodies that joints and drives connect. Springs act between cells, but no row does: G is block
+diagonal, and the contact problems of different cells are separate. Within a cell the rows are put into an order
+(reverse Cuthill-McKee) in which G is a band; the tangential rows stand among them. A system of a cell has all of its
+rows: the equation of the tangential row of a guide that slips is its law of friction, of any other the guide's motion.
 
 A mechanism of few rows has no cells (`mechanism.DENSE`) and is solved as one dense system.
 """
@@ -14,12 +14,13 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import at
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, eliminate_banded
+from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, solve_in_place
 
 
 @kernel
 def fill_cell(m, w, c, reach, A):
-    """G of a cell into the leading part of A, zero elsewhere within `reach` of the diagonal; returns the number of rows."""
+    """G of a cell into the leading part of A, zero elsewhere within `reach` of the diagonal; returns the number of
+    rows."""
     n = m.cell[c].end - m.cell[c].first
     for i in range(n):
         for j in range(max(0, i - reach), min(n, i + reach + 1)):
@@ -43,7 +44,8 @@ def friction_row(m, w, A, f, n, reach, c_R, c_T):
 
 @kernel
 def solve_bilateral(m, w, c, residual):
-    """Forces of the constraint rows of a cell that change Phi'' by `residual`, without friction, into w.force; whether regular."""
+    """Forces of the constraint rows of a cell that change Phi'' by `residual`, without friction, into w.force; whether
+    regular."""
     band, first = m.cell[c].band, m.cell[c].first
     n = fill_cell(m, w, c, band, w.A)
     for k in range(n):
@@ -51,7 +53,7 @@ def solve_bilateral(m, w, c, residual):
         w.x[k] = residual[r] if r < m.rows else 0.0
         if r >= m.rows:
             friction_row(m, w, w.A, r - m.rows, n, band, 0.0, 0.0)
-    regular = eliminate_banded(w.A, w.x, w.unit, n, band, ELIMINATION)
+    regular = solve_in_place(w.A, w.x, w.unit, n, band, ELIMINATION)
     for k in range(n):
         w.force[m.order[first + k]] = w.x[k]
     return regular

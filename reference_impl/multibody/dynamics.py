@@ -17,7 +17,8 @@ from stiction.reference_impl.multibody.kinematics import Workspace, constraints_
 from stiction.reference_impl.multibody.mechanism import ANGLE, AXIS, Arrays
 
 ONE, TWO = np.uint64(1), np.uint64(2)
-"""To be added to the unsigned indices of `Arrays.block` and `Arrays.pair`: a signed one is looked at whether it counts from the end."""
+"""To be added to the unsigned indices of `Arrays.block` and `Arrays.pair`: a signed one is looked at whether it counts
+from the end."""
 
 
 @kernel
@@ -107,8 +108,8 @@ def row_form(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals) -> None:
 def largest_force(m, w, force):
     """The largest of the row forces, each times the square root of its mobility G_rr: sqrt(kg) m/s^2.
 
-    N and N m have no order; so measured they have one that the unit of length does not enter. Divided by the square root of a row's
-    own mobility it is in the unit of that row.
+    N and N m have no order; so measured they have one that the unit of length does not enter. Divided by the square
+    root of a row's own mobility it is in the unit of that row.
     """
     largest = 0.0
     for r in range(len(force)):

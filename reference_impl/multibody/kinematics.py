@@ -89,7 +89,8 @@ def _workspace_of_cell(cell: Arrays, whole: Workspace) -> Workspace:
 
 @kernel
 def law_at(law, knots, i, t):
-    """Value, rate and second derivative of law i at time t; the compiled twin of `stiction.scenes.laws.evaluate_law`."""
+    """Value, rate and second derivative of law i at time t; the compiled twin of
+    `stiction.scenes.laws.evaluate_law`."""
     kind, a, b = law[i].kind, law[i].first, law[i].second
     if kind == LAW_POLYNOMIAL:
         return a + b * t, b, 0.0
@@ -119,7 +120,8 @@ def law_at(law, knots, i, t):
 
 @kernel
 def point_at(rotation, q, v, body, px, py):
-    """Of a point (px, py) of a body: its arm from the centre of mass, position, velocity, and -omega^2 times the arm."""
+    """Of a point (px, py) of a body: its arm from the centre of mass, position, velocity, and -omega^2 times the
+    arm."""
     if body < 0:
         return 0.0, 0.0, px, py, 0.0, 0.0, 0.0, 0.0
     c, s = rotation[body, 0], rotation[body, 1]

@@ -30,7 +30,8 @@ MOST_ROWS = 2000
 DENSE = 24
 """Rows, tangential ones included, up to which G is taken as dense: it is hardly slower, and simpler."""
 UNLIKE = 1e5
-"""Ratio of masses from which G is too rounded: at 1e4 case 1 is wrong by 6e-10 m at rtol 1e-12, at 1e8 by 3e-7 m, whatever the tolerance."""
+"""Ratio of masses from which G is too rounded: at 1e4 case 1 is wrong by 6e-10 m at rtol 1e-12, at 1e8 by 3e-7 m,
+whatever the tolerance."""
 REVOLUTE, TRANSLATIONAL, ANGLE, DISTANCE, AXIS = range(5)
 LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
 
@@ -59,8 +60,9 @@ class Arrays(Bundle):
         One per joint and drive, in the order of their rows: bodies a and b, their points, direction (ux, uy) in the
         axes of b, offset of the angle, law, and the frictional guide or -1.
     friction : ndarray of FRICTION
-        One per frictional guide: row of its normal force (that of the moment follows), length 0 where it has none; `corners`, the normal
-        forces that have one sign each (2, or 1 without length), and `pair`, the first of their pairs in the HLCP.
+        One per frictional guide: row of its normal force (that of the moment follows), length 0 where it has none;
+        `corners`, the normal forces that have one sign each (2, or 1 without length), and `pair`, the first of their
+        pairs in the HLCP.
     smooth : ndarray of int
         The rows that no corner force replaces, in increasing order: theirs are the first pairs of the HLCP (`hlcp`).
     spring, load, law : ndarray of SPRING, LOAD, LAW
@@ -71,22 +73,25 @@ class Arrays(Bundle):
     block : ndarray of unsigned int, shape (n, 3)
         The three coefficients that a row has for a moving body: place in J, row, 3 * body.
     pair : ndarray of unsigned int, shape (n, 4)
-        Pairs of blocks at the same body: places of the two in J, row and column of their entry of G, on or above the diagonal,
-        in the order of entries: the sparsity of G = J M^-1 J^T.
+        Pairs of blocks at the same body: places of the two in J, row and column of their entry of G, on or above the
+        diagonal, in the order of entries: the sparsity of G = J M^-1 J^T.
     cell : ndarray of CELL
-        The cells (`banded_systems`) of a mechanism of more than `DENSE` rows: the places of its rows in `order` (the first and the one behind
-        the last), half the bandwidth, the places of its entries of G and of its blocks. A mechanism of few rows has none.
+        The cells (`banded_systems`) of a mechanism of more than `DENSE` rows: the places of its rows in `order` (the
+        first and the one behind the last), half the bandwidth, the places of its entries of G and of its blocks. A
+        mechanism of few rows has none.
     order, position : ndarray of int, shape (rows + frictional,)
-        The rows, cell by cell, in the order in which G is a band, and the place of each row in its cell; nothing without cells.
+        The rows, cell by cell, in the order in which G is a band, and the place of each row in its cell; nothing
+        without cells.
     entry : ndarray of int, shape (n, 2)
         Row and column of the entries of G that are not zero, cell by cell; nothing without cells.
     separate : tuple of Arrays
-        Of a mechanism of several cells, each of them as a mechanism of its own, for what starts from its rows: it has neither
-        constraints nor loads. Rows and guides are numbered within the cell, bodies as in the whole.
+        Of a mechanism of several cells, each of them as a mechanism of its own, for what starts from its rows: it has
+        neither constraints nor loads. Rows and guides are numbered within the cell, bodies as in the whole.
     origin : ndarray of int, shape (rows + frictional,)
         Of a cell, the rows of the whole that are its own, in increasing order; else nothing.
     unlike : int
-        1 if the largest mass, or inertia over the square of the largest lever, is more than `UNLIKE` times the smallest (`unlike_masses`).
+        1 if the largest mass, or inertia over the square of the largest lever, is more than `UNLIKE` times the smallest
+        (`unlike_masses`).
     """
 
     rows: int
@@ -244,14 +249,16 @@ class Mechanism:
         return {"load": np.array(loads, dtype=LOAD), "law": np.array(laws, dtype=LAW), "knots": np.array(knots, dtype=float).reshape(-1, 3)}
 
     def _unlike(self) -> bool:
-        """Levers couple masses and inertias; without one a guide couples masses with masses, inertias with inertias. Where a mechanism stands does not matter."""
+        """Levers couple masses and inertias; without one a guide couples masses with masses, inertias with inertias.
+        Where a mechanism stands does not matter."""
         bodies, lever = self.scene.bodies.values(), self._largest_lever()
         masses, inertias = [body.mass for body in bodies], [body.inertia for body in bodies]
         coupled = [[*masses, *(inertia / lever ** 2 for inertia in inertias)]] if lever else [masses, inertias]
         return any(max(values) > UNLIKE * min(values) for values in coupled)
 
     def _largest_lever(self) -> float:
-        """Of the forces of joints about the centres of mass, m: points of pins, sizes of sliders, and how far sliders are from the bodies that guide them at the start."""
+        """Of the forces of joints about the centres of mass, m: points of pins, sizes of sliders, and how far sliders
+        are from the bodies that guide them at the start."""
         scene = self.scene
         lengths = [hypot(*point) for joint in scene.joints.values() if isinstance(joint, Revolute) for body, point in zip(joint.bodies, joint.points) if body in scene.bodies]
         for guide in scene.guides.values():
@@ -277,7 +284,8 @@ def _row_names(scene: Scene) -> list[str]:
 
 @lru_cache(maxsize=8)
 def _blocks(rows: int, joints: tuple[tuple[int, int, int, int, int], ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Blocks of the rows, tangential rows included, and their pairs at the same body; of joints their kind, row, bodies and frictional guide.
+    """Blocks of the rows, tangential rows included, and their pairs at the same body; of joints their kind, row, bodies
+    and frictional guide.
 
     Mechanisms that differ in numbers alone share them; nothing writes into them.
     """

@@ -1,8 +1,8 @@
 """States onto the constraints, in the metric of the mass matrix, compiled.
 
 The correction of least kinetic metric, dq = -M^-1 J^T (J M^-1 J^T)^-1 Phi, and the same for velocities with Phi'
-(e.g. Blajer, Comput. Methods Appl. Mech. Engrg. 200 (2011), Sect. 3). Near a singular position what cannot be corrected without
-magnifying rounding waits until it can: see `singular_positions`.
+(e.g. Blajer, Comput. Methods Appl. Mech. Engrg. 200 (2011), Sect. 3). Near a singular position what cannot be corrected
+without magnifying rounding waits until it can: see `singular_positions`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from stiction.reference_impl.multibody.singular_positions import leave_nearly_de
 
 @kernel
 def _correct(m: Arrays, w: Workspace, residual: Reals, n: int, target: Reals) -> None:
-    """Subtract M^-1 J^T G^-1 residual of the first n rows from target; nearly dependent rows lose their part of the residual."""
+    """Subtract M^-1 J^T G^-1 residual of the first n rows from target; nearly dependent rows lose their part of the
+    residual."""
     regular = len(m.cell) > 0
     for c in range(len(m.cell)):
         regular = regular and solve_bilateral(m, w, c, residual)
@@ -41,12 +42,13 @@ def _correct(m: Arrays, w: Workspace, residual: Reals, n: int, target: Reals) ->
 
 @kernel
 def _solve(w, residual, n, tolerance):
-    """The leading n x n part of G times w.x = residual; False, with w.x destroyed, where a pivot is below the tolerance."""
+    """The leading n x n part of G times w.x = residual; False, with w.x destroyed, where a pivot is below the
+    tolerance."""
     for r in range(n):
         w.x[r] = residual[r]
         for c in range(n):
             w.A[r, c] = w.G[r, c]
-    return solve_in_place(w.A, w.x, w.unit, n, tolerance)
+    return solve_in_place(w.A, w.x, w.unit, n, n, tolerance)
 
 
 @kernel

@@ -3,9 +3,10 @@
 M a - Q = J^T force has the multipliers and the frictions on the sliders as unknowns; their rows are those of the
 scene's constraints, whoever integrated the motion. Redundant constraints share their force in the minimum-norm sense.
 
-Frictions of guides at rest are unknowns as well. Where more of them hold than the mechanism has freedoms (hyperstatic rest), a null
-vector of the unknowns' columns contains frictions: the forces in it can have any size, and the shortest ones may lie outside
-Coulomb's cone. Those are nan. The null vectors of the constraints alone, of redundant joints, move no friction and are not counted.
+Frictions of guides at rest are unknowns as well. Where more of them hold than the mechanism has freedoms (hyperstatic
+rest), a null vector of the unknowns' columns contains frictions: the forces in it can have any size, and the shortest
+ones may lie outside Coulomb's cone. Those are nan. The null vectors of the constraints alone, of redundant joints, move
+no friction and are not counted.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from stiction.scenes import InputError, Scene
 _ROOM = 1_000_000
 """Numbers in the matrices that are solved at a time, 8 MB, at most; one matrix at least."""
 _MOVED = 1e-12
-"""Square of a force's part in a unit null vector above which it belongs to it; rounding leaves 1e-16, levers of a millimetre 1e-6."""
+"""Square of a force's part in a unit null vector above which it belongs to it; rounding leaves 1e-16, levers of a
+millimetre 1e-6."""
 
 
 def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike,
@@ -35,7 +37,8 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
     ----------
     t : array_like, shape (n,)
     q, v, a : array_like, shape (n, 3 * bodies)
-        x, y, angle per body in the order of the scene, their rates and accelerations. Accelerations may be NaN: forces are NaN with them.
+        x, y, angle per body in the order of the scene, their rates and accelerations. Accelerations may be NaN: forces
+        are NaN with them.
     reactions : mapping of str to array_like of shape (n,), optional
         Columns that the engine itself reports, e.g. ``"motor.effort"``, ``"guide.normal_force"``; they replace the
         recovered ones, and corner forces follow from them. A guide's ``friction`` is taken as known where it is not
@@ -78,7 +81,8 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
 
 
 def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown: bool = False) -> np.ndarray:
-    """An argument as the kernels take it: float64, C-contiguous, writable. `shape` may have a letter; `unknown`: NaN is allowed."""
+    """An argument as the kernels take it: float64, C-contiguous, writable. `shape` may have a letter; `unknown`: NaN is
+    allowed."""
     wanted = f"expected {'number' if unknown else 'finite number'}s of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
     try:
         found = np.asarray(values)
@@ -97,7 +101,8 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown
 
 
 def _rows(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """J^T at each instant, shape (n, 3 * bodies, rows + frictional), and the accelerations M^-1 Q without joints, shape (n, 3 * bodies)."""
+    """J^T at each instant, shape (n, 3 * bodies, rows + frictional), and the accelerations M^-1 Q without joints, shape
+    (n, 3 * bodies)."""
     w = workspace(m)
     J, free = np.empty((len(t), len(w.J))), np.empty(q.shape)
     for i in range(len(t)):
@@ -110,10 +115,11 @@ def _rows(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.nd
 
 
 def _balanced(columns_of_rows: np.ndarray, needed: np.ndarray, force: np.ndarray, known: np.ndarray, rows: int) -> np.ndarray:
-    """Row forces (n, rows + frictional): those that are known, and with them the smallest others whose sum in the least-squares sense is `needed`, (n, 3 * bodies).
+    """Row forces (n, rows + frictional): those that are known, and with them the smallest others whose sum in the
+    least-squares sense is `needed`, (n, 3 * bodies).
 
-    nan where a null vector that contains frictions moves them. Singular values below the largest times machine precision times the
-    size count as zero, as in `numpy.linalg.lstsq`.
+    nan where a null vector that contains frictions moves them. Singular values below the largest times machine
+    precision times the size count as zero, as in `numpy.linalg.lstsq`.
     """
     found = force.copy()
     rest = needed - np.einsum("nij,nj->ni", columns_of_rows, np.where(known, force, 0.0))
@@ -140,5 +146,6 @@ def _inverse(matrices: np.ndarray, size: np.ndarray) -> np.ndarray:
 
 
 def _null_parts(matrices: np.ndarray, size: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Diagonal of the projector onto the null vectors of matrices (n, i, j), shape (n, j): the square of each unknown's largest part in one of unit length."""
+    """Diagonal of the projector onto the null vectors of matrices (n, i, j), shape (n, j): the square of each unknown's
+    largest part in one of unit length."""
     return 1.0 - np.einsum("nk,nkj->nj", (_inverse(matrices, size) > 0).astype(float), right ** 2)

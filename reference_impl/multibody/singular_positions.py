@@ -1,17 +1,20 @@
 """Near a singular position, where rows of J become dependent and two branches of motion meet, compiled.
 
-Let x be the distance to it along the motion and y a coordinate along the other branch. One combination u of the rows is then
-Phi = x y to lowest order: its singular value is s = |x|, its direction is y, and with Phi'' = x y'' + 2 x' y' = 0 a perturbation
-grows as y = c/x. The motion that goes on has y = 0. Three things follow, with e the rounding of coordinates of the size 1:
+Let x be the distance to it along the motion and y a coordinate along the other branch. One combination u of the rows is
+then Phi = x y to lowest order: its singular value is s = |x|, its direction is y, and with Phi'' = x y'' + 2 x' y' = 0
+a perturbation grows as y = c/x. The motion that goes on has y = 0. Three things follow, with e the rounding of
+coordinates of the size 1:
 
-- G = J M^-1 J^T has the singular value s^2, so that elimination gives y'' to e/s^2 only; J M^-1/2 itself gives it to e/s.
-- The correction of Phi moves y by e/s and y' by e/s^2, and the next steps carry that on as c/x. It has to wait until s is large again.
-- An error of y or y' is corrected by the constraints as soon as s is large, and changes the energy in second order only. A step whose
+- G = J M^-1 J^T has the singular value s^2, so that elimination gives y'' to e/s^2 only; J M^-1/2 itself gives it to
+e/s. - The correction of Phi moves y by e/s and y' by e/s^2, and the next steps carry that on as c/x. It has to wait
+until s is large again. - An error of y or y' is corrected by the constraints as soon as s is large, and changes the
+energy in second order only. A step whose
   estimated error is one of y must not be shortened: the shorter one begins nearer to the position, where y' is noise.
 
-What is left is a floor that no tolerance lowers: a step that begins at x0 has y' = e/x0^2, and a stage at x1 makes y'' = 2 x' y'/x1
-of it. The force of the constraint, which grows as 1/x1, turns y into an acceleration along the motion. With x0 of 1e-2 rad, as at tight
-tolerances, and stages that come as near as 1e-4 by chance, that is 1e-10 to 1e-8 m over some passages, and more where one is nearer.
+What is left is a floor that no tolerance lowers: a step that begins at x0 has y' = e/x0^2, and a stage at x1 makes y''
+= 2 x' y'/x1 of it. The force of the constraint, which grows as 1/x1, turns y into an acceleration along the motion.
+With x0 of 1e-2 rad, as at tight tolerances, and stages that come as near as 1e-4 by chance, that is 1e-10 to 1e-8 m
+over some passages, and more where one is nearer.
 """
 
 from __future__ import annotations
@@ -28,20 +31,20 @@ from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
 SINGULAR_POSITION = 1e-5
-"""A singular value of J M^-1/2, rows of unit size, that counts as zero, relative to the largest. Nearer to the singular position a
-state that is off its constraints by rounding e belongs to motions that turn away at distances of sqrt(e)."""
+"""A singular value of J M^-1/2, rows of unit size, that counts as zero, relative to the largest. Nearer to the singular
+position a state that is off its constraints by rounding e belongs to motions that turn away at distances of sqrt(e)."""
 
 NEARLY_DEPENDENT = 5e-4
 """Part of the largest singular value of J below which residuals are left uncorrected: above, their noise stays below
 e/NEARLY_DEPENDENT^2, some 1e-9 of y'. A chain of the `mechanism.MOST_ROWS` has pi/4000, for no singular position."""
 
 ALWAYS_DEPENDENT = 1e-9
-"""Part of the largest singular value of J below which rows are dependent and say nothing of a direction: those of a joint that is
-repeated leave 1e-16 everywhere."""
+"""Part of the largest singular value of J below which rows are dependent and say nothing of a direction: those of a
+joint that is repeated leave 1e-16 everywhere."""
 
 NEAR, AROUND = 0.02, 0.2
-"""Parts of the largest singular value of J: below which a direction is that of another branch, and above which at the end of a step
-no stage of it is looked at."""
+"""Parts of the largest singular value of J: below which a direction is that of another branch, and above which at the
+end of a step no stage of it is looked at."""
 
 
 @kernel(allocates=True)
@@ -83,7 +86,8 @@ def singular_rows(m: Arrays, w: Workspace, unit: Reals) -> tuple[Reals, Table, R
 
 @kernel(allocates=True)
 def lengths(m):
-    """What a unit of length is in each coordinate, ndarray of shape (3 * bodies,): 1 m, and the angle that moves a point by it."""
+    """What a unit of length is in each coordinate, ndarray of shape (3 * bodies,): 1 m, and the angle that moves a
+    point by it."""
     unit = np.zeros(len(m.inverse_mass))
     for i in range(len(unit)):
         unit[i] = 1.0 / m.length_scale if i % 3 == 2 else 1.0
@@ -101,14 +105,16 @@ def _product(rows, k, vector):
 
 @kernel(allocates=True)
 def shortest_forces(m: Arrays, w: Workspace) -> float:
-    """Forces of the constraint rows without friction into w.force, from J M^-1/2: the shortest that minimize |G force - right|.
+    """Forces of the constraint rows without friction into w.force, from J M^-1/2: the shortest that minimize |G force -
+    right|.
 
     Rows are measured by their size in J M^-1/2; the singular values up to SINGULAR_POSITION are left out.
 
     Returns
     -------
     float
-        The largest residual over the largest right-hand side, so measured; the forces are nan, and this inf, where J is not finite.
+        The largest residual over the largest right-hand side, so measured; the forces are nan, and this inf, where J is
+        not finite.
     """
     unit, force, right, rest = np.zeros(len(m.inverse_mass)), np.zeros(m.rows), np.zeros(m.rows), np.zeros(m.rows)
     for i in range(len(unit)):
@@ -137,9 +143,11 @@ def shortest_forces(m: Arrays, w: Workspace) -> float:
 
 @kernel(allocates=True)
 def leave_nearly_dependent(m: Arrays, w: Workspace, residual: Reals) -> None:
-    """Take out of a residual of the constraint rows what belongs to singular values of J below NEARLY_DEPENDENT, in place.
+    """Take out of a residual of the constraint rows what belongs to singular values of J below NEARLY_DEPENDENT, in
+    place.
 
-    It is a matter of the geometry alone: small singular values of J M^-1/2 come from unequal masses too, and are to be corrected.
+    It is a matter of the geometry alone: small singular values of J M^-1/2 come from unequal masses too, and are to be
+    corrected.
     """
     size, left_of, s, _ = singular_rows(m, w, lengths(m))
     scaled = np.zeros(m.rows)
@@ -156,12 +164,13 @@ def leave_nearly_dependent(m: Arrays, w: Workspace, residual: Reals) -> None:
 
 @kernel
 def _is_far(m, w):
-    """Whether the pivots of G, which cost a hundredth of its singular values, are far from those of a singular position."""
+    """Whether the pivots of G, which cost a hundredth of its singular values, are far from those of a singular
+    position."""
     for r in range(m.rows):
         w.x[r] = 0.0
         for c in range(m.rows):
             w.A[r, c] = w.G[r, c]
-    return solve_in_place(w.A, w.x, w.unit, m.rows, AROUND ** 2)
+    return solve_in_place(w.A, w.x, w.unit, m.rows, m.rows, AROUND ** 2)
 
 
 @kernel(allocates=True)
@@ -169,8 +178,8 @@ def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals, y_
                        error: float, bodies: int) -> float:
     """Estimated local error of a step (`dop853.error_norm`) without its part along another branch of motion.
 
-    That part is left out where a stage has a singular value of J below NEAR: the directions are those of the stage that has the
-    smallest. The rows of the workspace are those of y_new, before and after.
+    That part is left out where a stage has a singular value of J below NEAR: the directions are those of the stage that
+    has the smallest. The rows of the workspace are those of y_new, before and after.
     """
     n, unit, nearest = len(m.inverse_mass), lengths(m), NEAR
     if len(m.cell) == 0 and _is_far(m, w):
@@ -205,7 +214,8 @@ def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals, y_
 
 @kernel
 def _smallest(s):
-    """Of singular values, in decreasing order, the smallest that does not belong to rows that are always dependent, over the largest."""
+    """Of singular values, in decreasing order, the smallest that does not belong to rows that are always dependent,
+    over the largest."""
     for k in range(len(s) - 1, 0, -1):
         if s[k] > ALWAYS_DEPENDENT * s[0]:
             return s[k] / s[0]

@@ -1,7 +1,8 @@
 """Parts of a scene that do not act on each other: each is integrated on its own.
 
-Two bodies that share a joint, a drive, a spring or a damper are in one part; the ground connects nothing. A part has its own
-steps, events and scales, so that it moves to rounding as it would alone, and n of them cost n times as much as one.
+Two bodies that share a joint, a drive, a spring or a damper are in one part; the ground connects nothing. A part has
+its own steps, events and scales, so that it moves to rounding as it would alone, and n of them cost n times as much as
+one.
 """
 
 from __future__ import annotations
@@ -21,11 +22,12 @@ from stiction.scenes import Cost, Scene
 from stiction.scenes.errors import ELEMENTS
 
 if TYPE_CHECKING:
-    from stiction.reference_impl.integration.event_driven import Run
+    from stiction.reference_impl.integration.result import Run
 
 
 def connected_bodies(scene: Scene, pairs: Iterable[tuple[str, str]]) -> tuple[int, dict[str, int]]:
-    """How many groups of bodies the pairs leave unconnected, and the group of each body; groups in the order of the bodies."""
+    """How many groups of bodies the pairs leave unconnected, and the group of each body; groups in the order of the
+    bodies."""
     index = {name: i for i, name in enumerate(scene.bodies)}
     edges = np.array([(index[a], index[b]) for a, b in pairs if a in index and b in index], dtype=np.int64).reshape(-1, 2)
     graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(index), len(index)))
@@ -61,14 +63,14 @@ def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[
     scene : Scene
         The whole.
     simulate
-        Called with the place of a part and the time up to which it is needed: `t_end`, or the earliest time at which a part
-        before it broke down.
+        Called with the place of a part and the time up to which it is needed: `t_end`, or the earliest time at which a
+        part before it broke down.
 
     Returns
     -------
     Run
-        Columns by element in the order of the scene, events in order of time, and sums of costs and counters. It ends where
-        the first part breaks down. Events have the values of the part that they belong to, without ``drift``.
+        Columns by element in the order of the scene, events in order of time, and sums of costs and counters. It ends
+        where the first part breaks down. Events have the values of the part that they belong to, without ``drift``.
     """
     until, runs = t_end, []
     for i in range(len(parts)):

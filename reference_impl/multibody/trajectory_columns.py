@@ -9,7 +9,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.contact_modes import equal_mobilization
+from stiction.reference_impl.friction.coulomb import equal_mobilization, split_between_corners
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
@@ -67,7 +67,8 @@ def _are_wanted(names: Collection[str] | None, prefix: str, labels: Sequence[str
 
 @kernel
 def write_sample(w: Workspace, y: Reals, dy: Reals, slip: Integers, motion: Table, force: Reals, slips: Integers) -> None:
-    """A sample of the state y with the derivative dy, the forces in the workspace and the contact modes; motion of shape (3, 3 * bodies)."""
+    """A sample of the state y with the derivative dy, the forces in the workspace and the contact modes; motion of
+    shape (3, 3 * bodies)."""
     n = motion.shape[1]
     for i in range(n):
         motion[0, i], motion[1, i], motion[2, i] = y[i], y[n + i], dy[n + i]
@@ -87,7 +88,7 @@ def corner_forces(name: str, guide, columns: dict[str, np.ndarray]) -> dict[str,
             kappa = np.where(mode != 0, -guide.mu * mode, kappa)
         kappa = np.where(np.isnan(columns[f"{name}.friction"]), np.nan, kappa)
     N = T - 0.5 * b * kappa * R if b else T  # without a width an unknown friction leaves the corner forces known
-    n1, n2 = 0.5 * R - N / a, 0.5 * R + N / a
+    n1, n2 = split_between_corners.__wrapped__(R, N, a)
     corners = {f"{name}.F1": np.maximum(n1, 0.0), f"{name}.F2": np.maximum(n2, 0.0),
                f"{name}.F3": np.maximum(-n2, 0.0), f"{name}.F4": np.maximum(-n1, 0.0)}
     if guide.frictional:
@@ -98,7 +99,8 @@ def corner_forces(name: str, guide, columns: dict[str, np.ndarray]) -> dict[str,
 
 @kernel(allocates=True)
 def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tuple[Reals, Reals]:
-    """Norms of Phi and of Phi' (m and rad, 1/s, summed as they are) at times t (n,), for states q, v of shape (n, 3 * bodies)."""
+    """Norms of Phi and of Phi' (m and rad, 1/s, summed as they are) at times t (n,), for states q, v of shape (n, 3 *
+    bodies)."""
     position, velocity = np.zeros(len(t)), np.zeros(len(t))
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
@@ -111,10 +113,11 @@ def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tup
 
 @kernel(allocates=True)
 def imbalance(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, force: Table) -> tuple[Reals, Reals]:
-    """What Newton's and Euler's equations leave over at times t (n,), and the largest term in them; sqrt(kg) m/s^2, as `dynamics.largest_force`.
+    """What Newton's and Euler's equations leave over at times t (n,), and the largest term in them; sqrt(kg) m/s^2, as
+    `dynamics.largest_force`.
 
-    q, v, a of shape (n, 3 * bodies); row forces as of `build_columns`. The largest over all coordinates, each in units of the square root of
-    its mobility: N and N m have no order.
+    q, v, a of shape (n, 3 * bodies); row forces as of `build_columns`. The largest over all coordinates, each in units
+    of the square root of its mobility: N and N m have no order.
     """
     left, size, balanced = np.zeros(len(t)), np.zeros(len(t)), np.zeros(q.shape[1])
     for i in range(len(t)):
@@ -129,7 +132,8 @@ def imbalance(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, f
 
 
 def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinate of the slider's point along its guide, and its rate; constraint k, q and v of shape (n, 3 * bodies)."""
+    """Coordinate of the slider's point along its guide, and its rate; constraint k, q and v of shape (n, 3 *
+    bodies)."""
     constraint = m.constraint[k]
 
     def absolute(body: int, px: float, py: float) -> tuple[np.ndarray | float, ...]:

@@ -14,7 +14,7 @@ from stiction.comparisons.truth import NO_TRUTH, NoMotion, NotThisMechanism, Und
 from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation
 from stiction.comparisons.truth.reduced.slider_contact import Contact
 from stiction.engines.registry import load_engine
-from stiction.reference_impl.friction.contact_modes import equal_mobilization
+from stiction.reference_impl.friction.coulomb import equal_mobilization
 from stiction.scenes import load_scene, vary
 from stiction.scenes.trajectory import Breakdown
 

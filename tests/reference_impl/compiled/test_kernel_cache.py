@@ -8,7 +8,8 @@ from types import ModuleType
 
 import numba
 import pytest
-from numba.core import config, event
+from numba import config
+from numba.core import event
 
 SOURCE = """
 from stiction.reference_impl.compiled.kernel import kernel
@@ -67,7 +68,7 @@ def called_here(folder):
 
 
 def kept(folder):
-    return sorted((folder / "__pycache__").glob("made.times.*"))
+    return sorted((folder / "__pycache__").rglob("made.times-*.nbc"))
 
 
 def test_compiled_once(folder):
@@ -87,7 +88,7 @@ def test_an_installation_that_cannot_be_written_uses_the_home(folder):
     (folder / "__pycache__").write_text("")
     assert call(folder) == (42.0, 1, "")
     assert call(folder) == (42.0, 0, "")
-    assert list((folder / "home" / ".cache" / "stiction").rglob("made.times.*"))
+    assert list((folder / "home" / ".cache" / "stiction").rglob("made.times-*.nbc"))
 
 
 def test_without_a_home_a_temporary_folder_is_used_and_said(unwritable):
@@ -120,14 +121,14 @@ def test_a_folder_that_is_asked_for_is_the_only_one(folder):
     assert call(folder, NUMBA_CACHE_DIR=str(folder / "chosen")) == (42.0, 0, "")
 
 
-@pytest.mark.parametrize("damage", [lambda data: b"", lambda data: data[:20], lambda data: data[:len(data) // 2], lambda data: data[:-1],
-                                    lambda data: b"\x80" * len(data), lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:]],
-                         ids=["empty", "a piece of the digest", "half", "all but a byte", "garbage", "a bit"])
-def test_what_is_damaged_is_compiled_anew(folder, damage):
+@pytest.mark.parametrize("ending", ["nbc", "nbi"], ids=["machine code", "index"])
+@pytest.mark.parametrize("damage", [lambda data: b"", lambda data: data[:20], lambda data: data[:len(data) // 2],
+                                    lambda data: data[:-1], lambda data: b"\x80" * len(data)],
+                         ids=["empty", "the beginning", "half", "all but a byte", "garbage"])
+def test_what_is_damaged_is_compiled_anew(folder, damage, ending):
     called_here(folder)
-    [file] = kept(folder)
-    whole = file.read_bytes()
-    file.write_bytes(damage(whole))
+    [file] = (folder / "__pycache__").rglob(f"made.times-*.{ending}")
+    file.write_bytes(damage(file.read_bytes()))
     assert called_here(folder) == (42.0, 1, "")
     assert called_here(folder) == (42.0, 0, "")
 
@@ -135,7 +136,7 @@ def test_what_is_damaged_is_compiled_anew(folder, damage):
 def test_processes_that_compile_at_once(folder):
     together = [started(folder) for _ in range(3)]
     assert [finished(process)[0] for process in together] == [42.0] * 3
-    assert len(kept(folder)) == 1  # and nothing unfinished
+    assert len(kept(folder)) == 1 and not list(folder.rglob("*.tmp.*"))
     assert called_here(folder) == (42.0, 0, "")
 
 
@@ -156,10 +157,10 @@ def test_another_numba_compiles_anew(folder, monkeypatch):
 def test_of_changed_sources_nothing_old_is_called_or_left(folder):
     called_here(folder)
     [old] = kept(folder)
-    (folder / "__pycache__" / f"{old.name}.0123").write_bytes(b"of a process that was killed while it wrote")
+    old.with_name(f"{old.name}.tmp.0123").write_bytes(b"of a process that was killed while it wrote")
     (folder / "made.py").write_text(SOURCE.format(factor=3))
     assert called_here(folder) == (63.0, 1, "")
-    assert len(kept(folder)) == 1 and old not in kept(folder)
+    assert len(kept(folder)) == 1 and old not in kept(folder) and not list(folder.rglob("*.tmp.*"))
 
 
 AHEAD = """
@@ -194,4 +195,4 @@ def cubed(x: float) -> float:
                               env={**os.environ, "PYTHONPATH": f"{folder}:{ROOT}"})
         assert done.stdout.split() == ["True", "2.0", "9.0", "8.0"]
         assert ("compiling a kernel, once for an installation: 1 of 3, made.times" in done.stderr) == said
-    assert len(list((folder / "__pycache__").glob("*.nbc"))) == 3
+    assert len(list((folder / "__pycache__").rglob("*.nbc"))) == 3

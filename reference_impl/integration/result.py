@@ -1,0 +1,92 @@
+"""Output of an integration: samples and events as kernels write them, and the run that they become."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import Bundle, Cube, IntegerTable, Integers, Reals, Table
+from stiction.reference_impl.friction.contact_modes import margin
+from stiction.reference_impl.friction.coulomb import can_jam
+from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, DONE, JAM, MODE_LIMIT, NONE, PIVOT_LIMIT, RAY,
+                                                       SEVERAL, SIGN_CYCLE, SINGULAR)
+from stiction.reference_impl.friction.trial_and_error import trial_and_error
+from stiction.reference_impl.friction.uniqueness import COUNTED, gain_of_mode, number_of_solutions
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.scenes import Breakdown, Cost, Event
+
+SLIP, STICK, REVERSAL, CORNER = range(4)
+EVENT_KINDS = ("slip", "stick", "reversal", "corner")
+
+
+class Samples(Bundle):
+    """Output at given times: q, v, a together (n, 3, 3 * bodies), row forces, slip."""
+
+    t: Reals
+    motion: Cube
+    force: Table
+    slip: IntegerTable
+
+
+class EventLog(Bundle):
+    """Events: time, kind, frictional guide, other consistent modes, and two-sided samples (n, 2, ...)."""
+
+    t: Reals
+    kind: Integers
+    guide: Integers
+    others: Integers
+    motion: Annotated[np.ndarray, np.float64, 4]
+    force: Cube
+    slip: Annotated[np.ndarray, np.int64, 3]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What an integration yields: columns at the output times, events, counters, and how it ended."""
+
+    t: np.ndarray
+    columns: dict[str, np.ndarray]
+    events: tuple[Event, ...]
+    cost: Cost
+    breakdown: Breakdown | None
+
+    @property
+    def termination(self) -> str:
+        return "end" if self.breakdown is None else str(self.breakdown)
+
+
+def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarray, corner: np.ndarray,
+                 scales: tuple[float, float] = (1.0, 1.0)) -> Breakdown | None:
+    """The typed end of a run, from what its kernel left behind at the instant where it failed; None at the end of its
+    time.
+
+    Parameters
+    ----------
+    code : int
+        Of `outcomes`.
+    w : Workspace
+        Holding the rows of that instant.
+    slip, corner : ndarray of int
+        The contact mode assumed there.
+    scales : tuple of float
+        Largest speed (m/s) and force (N), by which an audit measures.
+    """
+    if code == DONE:
+        return None
+    m, guide, found = mechanism.arrays, -1, None
+    kind, reason = BREAKDOWNS[code]
+    if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT):
+        _, guide = gain_of_mode(m, w, slip)
+    if code == SIGN_CYCLE:
+        _, _, guide = trial_and_error(m, w, slip, slip == 0, corner, np.zeros(len(w.force)), np.zeros_like(slip))
+    if code == AUDIT:
+        guide = int(np.argmin([min(np.divide(margin(m, w, slip, f), scales)) for f in range(len(m.friction))]))
+    if code == JAM:
+        guide = min((f for f in range(len(m.friction)) if can_jam(m, f)), key=lambda f: abs(w.slip_speed[f]))
+    if code == NONE:
+        found = 0
+    if code == SEVERAL:
+        found = number_of_solutions(mechanism, w, slip, COUNTED)
+    return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide >= 0 else "", found)

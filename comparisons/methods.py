@@ -1,16 +1,18 @@
-"""Which run of a variant stands for it in a figure or a table, what it is called there, and which variants may stand beside each other."""
+"""Runs that stand for a method in tables and figures, its name there, and the methods that may be compared with it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
 
 import pandas as pd
 
-from stiction.comparisons.results import Results
-from stiction.comparisons.variants import COMMON_STEP, EVENTS_BY, FRICTION_BY, MUS_EQUALS_MU, Record
+from stiction.comparisons.campaigns.participants import REFERENCE
 from stiction.comparisons.presentation.cells import setting_of
+from stiction.comparisons.results import Results
+from stiction.comparisons.variants import COMMON_STEP, EVENTS_BY, FRICTION_BY, MUS_EQUALS_MU, UNMADE, Record
 from stiction.scenes import catalogue, load_scene
 
 CONTACT = ", contact"
@@ -21,19 +23,16 @@ _ARTICLE = {"reference": "the reference", "paper's scheme": "the paper's scheme"
 
 
 def one_per_variant(records: Iterable[Record]) -> list[Record]:
-    """Of each variant, among the runs that came out, the one nearest to `COMMON_STEP` or at the tightest tolerance."""
-    chosen: dict[str, Record] = {}
+    """The run of each variant nearest to `COMMON_STEP` or at the tightest tolerance, of those with a trajectory."""
+    made: dict[str, list[Record]] = {}
     for record in records:
-        if record.trajectory is None:
-            continue
-        other = chosen.get(record.variant.label)
-        if other is None or rank(record.variant.parameter, record.step) < rank(other.variant.parameter, other.step):
-            chosen[record.variant.label] = record
-    return list(chosen.values())
+        if record.trajectory is not None:
+            made.setdefault(record.variant.label, []).append(record)
+    return [min(runs, key=lambda run: rank(run.variant.parameter, run.step)) for runs in made.values()]
 
 
 def representatives(records: Iterable[Record]) -> list[Record]:
-    """Of each engine, fidelity and method the first variant: others change a setting of it."""
+    """The first variant of each engine, fidelity and method: others change a setting of it."""
     chosen: dict[tuple[str, str, object], Record] = {}
     for record in records:
         method = None if record.trajectory is None else record.trajectory.settings.get("method")
@@ -42,18 +41,21 @@ def representatives(records: Iterable[Record]) -> list[Record]:
 
 
 def rank(parameter: str, step: float) -> float:
-    """The smaller, the rather a run is chosen: distance from `COMMON_STEP`, or the tolerance."""
+    """Distance from `COMMON_STEP`, or the tolerance: the smallest is chosen."""
     return abs(math.log(step / COMMON_STEP)) if parameter == "dt" else step
 
 
 def stored_keys(results: Results) -> frozenset[str]:
-    """Keys of the runs whose trajectories a run folder keeps: all that are compared or, where the depth says ``drawn``, those that stand for their engine on a
-    scene. Runs that were made to be timed alone are made again by the command in their row."""
+    """Keys of the runs whose trajectories a run folder keeps.
+
+    All that are compared; at a depth that says ``drawn`` those that stand for their engine on a scene. Runs that were
+    made to be timed alone are repeated by the command in their row.
+    """
     if results.settings.get("trajectories") != "drawn":
         return frozenset(record.key for record in results.records)
     scenes = dict.fromkeys(record.scene for record in results.records)
-    return frozenset(record.key for scene in scenes
-                     for record in representatives(one_per_variant(record for record in results.records if record.scene == scene)))
+    return frozenset(record.key for scene in scenes for record in representatives(
+        one_per_variant(record for record in results.records if record.scene == scene)))
 
 
 def run_label(record: Record) -> str:
@@ -63,7 +65,7 @@ def run_label(record: Record) -> str:
 
 @cache
 def case_of(scene: str) -> str:
-    """``case 1`` for ``slider-bar-case-1``: what its title says after the mechanism, else all of it."""
+    """``case 1`` for ``slider-bar-case-1``: the part of its title after the mechanism, else all of it."""
     title = load_scene(scene).title if scene in catalogue() else scene
     return title.partition(", ")[2] or title
 
@@ -74,9 +76,10 @@ def title_of(scene: str) -> str:
 
 
 def groups(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """The rows that answer one question, and what they are called: one fidelity, and one physics of static friction.
+    """The rows that answer one question, with a name: one fidelity, and one physics of static friction.
 
-    Joint and contact fidelity answer different questions; so do mus > mu and, of an engine that has no static coefficient, mus = mu.
+    Joint and contact fidelity answer different questions; so do mus > mu and, of an engine that has no static
+    coefficient, mus = mu.
     """
     equal = table["truth"].astype(str).str.endswith(MUS_EQUALS_MU)
     for (fidelity, same), rows in table.groupby([table["fidelity"], equal], sort=False):
@@ -84,9 +87,9 @@ def groups(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
 
 
 def same_work(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """The rows of `groups` that may be ranked with each other, and their names: engines do the same part of the work.
+    """The rows of `groups` that may be ranked with each other, with a name: engines do the same part of the work.
 
-    Who supplies the friction law and who locates events is the same for all runs of a variant; of lost ones unknown.
+    Who supplies the friction law and who locates events is the same for all runs of a variant; of failed ones unknown.
     """
     for name, rows in groups(table):
         parts = [rows["variant"].map(known_of(rows, column)) for column in (FRICTION_BY, EVENTS_BY)]
@@ -95,42 +98,55 @@ def same_work(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
 
 
 def known_of(rows: pd.DataFrame, column: str) -> dict[str, str]:
-    """What a column says of each variant, in the first of its runs that came out; ``not known`` where none did."""
-    there = rows[rows[column].notna()].groupby("variant")[column].first() if column in rows else {}
-    return {variant: there.get(variant, "not known") for variant in rows["variant"]}
+    """Value of a column by variant, in the first of its runs that has one, else ``not known``."""
+    known = rows[rows[column].notna()].groupby("variant")[column].first() if column in rows else {}
+    return {variant: known.get(variant, "not known") for variant in rows["variant"]}
 
 
 def methods(results: Results) -> list[str]:
-    """Labels of the variants that stand for a method: the first of each engine, fidelity and way, and of engines of which nothing came out the first of each fidelity.
+    """Labels of the variants that stand for a method: the first of each engine, fidelity and way of solving.
 
-    A stored run need not have the trajectories of others. Of an engine that is not installed there is none.
+    Of an engine without any trajectory it is the first of each fidelity; of one that is not installed there is none. A
+    stored run need not have the trajectories of others.
     """
-    came_out = representatives(record for record in results.records if record.trajectory is not None)
-    there = {(record.variant.engine, record.variant.fidelity) for record in came_out}
-    lost = representatives(record for record in results.records
-                           if (record.variant.engine, record.variant.fidelity) not in there and record.outcome.status != MISSING_ENGINE)
-    chosen = {record.variant.label for record in (*came_out, *lost)}
+    made = representatives(record for record in results.records if record.trajectory is not None)
+    known = {(record.variant.engine, record.variant.fidelity) for record in made}
+    failed = representatives(record for record in results.records if record.outcome.status != MISSING_ENGINE
+                             and (record.variant.engine, record.variant.fidelity) not in known)
+    chosen = {record.variant.label for record in (*made, *failed)}
     return [label for label in dict.fromkeys(record.variant.label for record in results.records) if label in chosen]
 
 
-def grouped_methods(results: Results, of: Callable[[pd.DataFrame], Iterator[tuple[str, pd.DataFrame]]] = groups
-                    ) -> Iterator[tuple[str, list[str]]]:
-    """`methods` by group: see `stiction.comparisons.methods`, `groups` and, for rankings, `same_work`."""
+Grouping = Callable[[pd.DataFrame], Iterator[tuple[str, pd.DataFrame]]]
+
+
+def grouped_methods(results: Results, grouping: Grouping = groups) -> Iterator[tuple[str, list[str]]]:
+    """`methods` by `groups` or, for rankings, by `same_work`."""
     accuracy, chosen = results.tables.get("accuracy", pd.DataFrame()), methods(results)
-    for name, rows in of(accuracy) if len(accuracy) else ():
+    for name, rows in grouping(accuracy) if len(accuracy) else ():
         there = set(rows["variant"])
         if found := [variant for variant in chosen if variant in there]:
             yield name, found
 
 
 def called(variant: str, fidelity: bool = True) -> str:
-    """A variant in a sentence: ``pymunk with contact`` for ``pymunk, contact``, or ``pymunk`` where the sentence says the fidelity."""
+    """A variant in a sentence: ``pymunk with contact`` for ``pymunk, contact``; ``pymunk`` without its fidelity."""
     name = variant.removesuffix(CONTACT)
     return _ARTICLE.get(name, name) + (" with contact" if fidelity and name != variant else "")
 
 
+def succeeded(table: pd.DataFrame) -> pd.Series:
+    """Rows of runs that reached their end: one that stopped early is cheap, and may not have met what is hard."""
+    return (table["status"] == "ok") & (table["reason"].fillna("") == "")
+
+
+def with_columns(table: pd.DataFrame, *names: str) -> pd.DataFrame:
+    """Return a table that has these columns, without values where it had none of that name."""
+    return table.reindex(columns=list(dict.fromkeys([*table, *names])))
+
+
 def at_equal_step(table: pd.DataFrame, variant: str) -> pd.DataFrame:
-    """The rows of a variant at the step nearest to `stiction.comparisons.variants.COMMON_STEP`, or at its tightest tolerance."""
+    """The rows of a variant at the step nearest to `COMMON_STEP`, or at its tightest tolerance."""
     rows = table[table["variant"] == variant] if "variant" in table else pd.DataFrame()
     if rows.empty:
         return rows
@@ -139,6 +155,59 @@ def at_equal_step(table: pd.DataFrame, variant: str) -> pd.DataFrame:
 
 
 def largest(rows: pd.DataFrame, column: str) -> int | None:
-    """The label of the row with the largest size in a column; None without any."""
+    """Return the label of the row with the largest size in a column; None without any."""
     sizes = rows[column].abs().dropna() if column in rows else pd.Series(dtype=float)
     return None if sizes.empty else int(sizes.idxmax())
+
+
+@dataclass(frozen=True)
+class Method:
+    """The runs of a variant at equal step that were made.
+
+    Attributes
+    ----------
+    variant : str
+    rows : DataFrame
+        Of a table, with its labels; a row or more per case.
+    column : str
+        The error by which the method is ranked.
+    """
+
+    variant: str
+    rows: pd.DataFrame
+    column: str
+
+    @property
+    def engine(self) -> str:
+        return str(self.rows["engine"].iloc[0])
+
+    @property
+    def fidelity(self) -> str:
+        return str(self.rows["fidelity"].iloc[0])
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it is a method of the reference."""
+        return self.engine == REFERENCE
+
+    @cached_property
+    def failed(self) -> pd.DataFrame:
+        """Rows of runs that failed, ended early, or are no approximation of the motion."""
+        return self.rows[~(succeeded(self.rows) & self.rows[self.column].notna())]
+
+    @cached_property
+    def worst(self) -> int | None:
+        """Label of the row with the largest error; None if all runs failed."""
+        return largest(self.rows.drop(index=self.failed.index), self.column)
+
+    @property
+    def is_ranked(self) -> bool:
+        """Whether every run succeeded, so that its worst case is that of all cases."""
+        return self.worst is not None and self.failed.empty
+
+
+def made_methods(table: pd.DataFrame, variants: Iterable[str], column: str) -> dict[str, Method]:
+    """The methods of which a run was made, by label of their variants, in the order of these."""
+    found = ((variant, at_equal_step(with_columns(table, column), variant)) for variant in variants)
+    made = ((variant, rows[~rows["status"].isin(UNMADE)]) for variant, rows in found if len(rows))
+    return {variant: Method(variant, rows, column) for variant, rows in made if len(rows)}

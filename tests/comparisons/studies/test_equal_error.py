@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stiction.comparisons.studies import cost as cost_study
-from stiction.comparisons.studies.equal_error import (ADAPTER, FALLS, INTEGRATION, LOST, MODEL, QUANTITIES, SCENES, TRUTH, UNKNOWN, equal_error,
-                                                      ladder_end, order_of, rounds_to, time_to)
+from stiction.comparisons.studies.equal_error import (ADAPTER, FAILED, FALLS, INTEGRATION, MODEL, QUANTITIES, SCENES, SMALLEST, TRUTH, UNKNOWN, equal_error,
+                                                      limit_of, order_of, rounds_to, time_to)
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.timing.intervals import ratio_interval
@@ -46,29 +46,30 @@ def samples(table, own, total=None):
 def test_a_power_law_is_met_exactly_and_has_the_spread_of_its_times(order, target):
     error = 0.1 * 10.0 ** -np.arange(7)
     table, own = ladder(error=error), 3.0 * error ** (-1 / order)
-    cost = time_to(table, samples(table, own, 2 * own), POSITION, target)
-    assert cost.own.value == pytest.approx(3.0 * target ** (-1 / order), rel=1e-9) and cost.total.value == pytest.approx(2 * cost.own.value)
-    assert (cost.own.low, cost.own.high) == pytest.approx((0.98 * cost.own.value, 1.03 * cost.own.value)) and not cost.at_most
+    time = time_to(table, samples(table, own, 2 * own), POSITION, target)
+    exact = 3.0 * target ** (-1 / order)
+    assert time[OWN_CPU] == pytest.approx(exact, rel=1e-9) and time["cpu [s]"] == pytest.approx(2 * exact)
+    assert (time[LOW], time[HIGH]) == pytest.approx((0.98 * exact, 1.03 * exact)) and not time["at most"]
 
 
 def test_nothing_is_extrapolated_and_the_coarsest_rung_is_a_bound():
     table = ladder(error=[1e-3, 1e-5])
     times = samples(table, [2.0, 7.0])
-    assert time_to(table, times, POSITION, 1e-6) is None
-    assert time_to(table, times, POSITION, 1e-2).at_most and time_to(table, times, POSITION, 1e-2).own.value == 2.0
-    assert not time_to(table, times, POSITION, 1e-4).at_most
+    assert not time_to(table, times, POSITION, 1e-6) and not time_to(table, times, POSITION, 1e-4)["at most"]
+    bound = time_to(table, times, POSITION, 1e-2)
+    assert bound["at most"] and bound[OWN_CPU] == 2.0
 
 
 def test_a_ladder_that_turns_back_is_followed_in_its_own_order():
     # the second rung is the best; the line between the first two passes 1e-3 at the time 2 whatever follows
     table = ladder(error=[1e-2, 1e-4, 5e-3])
-    assert time_to(table, samples(table, [1.0, 4.0, 16.0]), POSITION, 1e-3).own.value == pytest.approx(2.0)
+    assert time_to(table, samples(table, [1.0, 4.0, 16.0]), POSITION, 1e-3)[OWN_CPU] == pytest.approx(2.0)
 
 
 def test_an_error_below_its_uncertainty_is_not_reached():
     table = ladder(error=[1e-2, 1e-9], unsure=1e-4)
-    assert time_to(table, samples(table, [1.0, 2.0]), POSITION, 1e-5) is None
-    assert ladder_end(table, POSITION).because == TRUTH
+    assert not time_to(table, samples(table, [1.0, 2.0]), POSITION, 1e-5)
+    assert limit_of(table, POSITION).because == TRUTH
 
 
 def test_a_ratio_at_equal_error_is_of_the_same_rounds():
@@ -82,9 +83,9 @@ def test_a_ratio_at_equal_error_is_of_the_same_rounds():
 def test_runs_that_were_lost_or_not_timed_are_never_fast():
     table = ladder(error=[1e-2, 1e-9, 1e-4], status=["ok", "failed", "ok"])
     table.loc[0, "reason"] = table.loc[2, "reason"] = ""
-    assert time_to(table, samples(table, [1.0, 0.1, 4.0]), POSITION, 1e-4).own.value == pytest.approx(4.0)
+    assert time_to(table, samples(table, [1.0, 0.1, 4.0]), POSITION, 1e-4)[OWN_CPU] == pytest.approx(4.0)
     timed = samples(table, [1.0, 0.1, 4.0])
-    assert time_to(table, timed[timed["key"] != table["key"].iloc[2]], POSITION, 1e-4) is None
+    assert not time_to(table, timed[timed["key"] != table["key"].iloc[2]], POSITION, 1e-4)
 
 
 FLAT = [1e-3, 9.7e-4, 9.5e-4]
@@ -100,16 +101,16 @@ FLAT = [1e-3, 9.7e-4, 9.5e-4]
     (ladder(error=FLAT), POSITION, 1e-8, ADAPTER, "lead to 1e-08 m"),
     (ladder(error=FLAT, friction_law="Coulomb, bound set by the adapter each step"), POSITION, None, ADAPTER, "by the adapter"),
     (ladder(error=FLAT, friction_law="Coulomb (engine)"), POSITION, None, UNKNOWN, "does not fall"),
-    (ladder(error=[1e-2]), POSITION, None, UNKNOWN, "too few rungs"),
-    (ladder(error=[1e-2, 1e-3]), POSITION, None, UNKNOWN, "too few rungs"),  # two points make a slope without an interval
-    (ladder(error=[8e-3, 2.2e-3, 1.6e-3], steps=[1e-2, 5e-3, 2.5e-3], fidelity="contact"), POSITION, None, UNKNOWN, " in dt at the finest rungs"),
+    (ladder(error=[1e-2]), POSITION, None, UNKNOWN, "too few runs"),
+    (ladder(error=[1e-2, 1e-3]), POSITION, None, UNKNOWN, "too few runs"),  # two points make a slope without an interval
+    (ladder(error=[8e-3, 2.2e-3, 1.6e-3], steps=[1e-2, 5e-3, 2.5e-3], fidelity="contact"), POSITION, None, UNKNOWN, " in dt at the finest runs"),
     (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3)), TORQUE, None, ADAPTER, "not known when it jumps"),
     (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3), events=[1e-2, 1e-5]), TORQUE, None, TRUTH, "truth"),
     (ladder(), EVENTS, None, ADAPTER, "locates no events"),
     (ladder(events=[1e-2, 1e-4]), TORQUE, None, UNKNOWN, "nothing to compare with"),
-    (ladder(error=[np.nan, np.nan], status=["failed", "timed out"]), POSITION, None, LOST, "timed out: gave up")])
-def test_why_a_ladder_ends(table, quantity, accelerations, because, words):
-    found = ladder_end(table, quantity, None if accelerations is None else ladder("accelerations", error=[1e-2, accelerations]))
+    (ladder(error=[np.nan, np.nan], status=["failed", "timed out"]), POSITION, None, FAILED, "timed out: gave up")])
+def test_why_a_limit_ofs(table, quantity, accelerations, because, words):
+    found = limit_of(table, quantity, None if accelerations is None else ladder("accelerations", error=[1e-2, accelerations]))
     assert found.because == because and words in found.why
 
 
@@ -122,12 +123,12 @@ def of_cases(errors, **others):
 
 def test_a_limit_is_said_from_all_cases():
     """An engine whose error is level in one case and falls in the others: by that case alone it was said to be limited by its contacts."""
-    alone, together = (ladder_end(of_cases(errors), POSITION) for errors in ({"case 1": MOREAU["case 1"]}, MOREAU))
-    assert alone.because == UNKNOWN and together.because == INTEGRATION and together.error == 3.90e-3
+    alone, together = (limit_of(of_cases(errors), POSITION) for errors in ({"case 1": MOREAU["case 1"]}, MOREAU))
+    assert alone.because == UNKNOWN and together.because == INTEGRATION
     level = {scene: [error[0], 1.01 * error[0], error[0]] for scene, error in MOREAU.items()}
-    assert ladder_end(of_cases(level), POSITION).because == MODEL
+    assert limit_of(of_cases(level), POSITION).because == MODEL
     mixed = {**level, "case 3": [1e-1, 1e-2, 1e-3]}
-    assert ladder_end(of_cases(mixed), POSITION).because == UNKNOWN
+    assert limit_of(of_cases(mixed), POSITION).because == UNKNOWN
 
 
 def test_an_order_is_a_fit_over_all_cases_with_its_interval():
@@ -163,7 +164,7 @@ def test_scenes_keep_their_own_times_and_have_one_limit():
     found = equal_error(tables, samples(tables, 6 * [1.0, 2.0, 4.0]))
     found = found[found["variant"] == "a"]
     assert list(found["scene"].unique()) == list(MOREAU) and set(found["because"]) == {INTEGRATION}
-    ends = found.groupby("scene")["ladder ends at"].first()
+    ends = found.groupby("scene")[SMALLEST].first()
     assert dict(ends) == {scene: min(error) for scene, error in MOREAU.items()}
 
 
@@ -176,7 +177,7 @@ def test_on_runs(in_this_process, monkeypatch):
     table, times = found.tables["equal-error"], found.tables["times"]
     rows = table[table["quantity"] == "position"]
     assert set(rows["scene"]) == {"pendulum"} and set(rows["because"]) == {INTEGRATION}
-    assert rows.groupby("variant")["ladder ends at"].first()["reference"] < 1e-6
+    assert rows.groupby("variant")[SMALLEST].first()["reference"] < 1e-6
     assert (rows[OWN_CPU].dropna() > 0).all() and set(times["round"]) == {1} and len(found.timed) == len(found.tables["cost"]) == 6
 
 

@@ -40,6 +40,13 @@ def representatives(records: Iterable[Record]) -> list[Record]:
     return list(chosen.values())
 
 
+def drawn_runs(results: Results) -> list[Record]:
+    """The run that stands for each engine, fidelity and method on each scene."""
+    scenes = dict.fromkeys(record.scene for record in results.records)
+    return [run for scene in scenes
+            for run in representatives(one_per_variant(run for run in results.records if run.scene == scene))]
+
+
 def rank(parameter: str, step: float) -> float:
     """Distance from `COMMON_STEP`, or the tolerance: the smallest is chosen."""
     return abs(math.log(step / COMMON_STEP)) if parameter == "dt" else step
@@ -48,14 +55,12 @@ def rank(parameter: str, step: float) -> float:
 def stored_keys(results: Results) -> frozenset[str]:
     """Keys of the runs whose trajectories a run folder keeps.
 
-    All that are compared; at a depth that says ``drawn`` those that stand for their engine on a scene. Runs that were
-    made to be timed alone are repeated by the command in their row.
+    All that are compared; at a depth that says ``drawn`` the `drawn_runs`. Runs that were made to be timed alone are
+    repeated by the command in their row.
     """
     if results.settings.get("trajectories") != "drawn":
         return frozenset(record.key for record in results.records)
-    scenes = dict.fromkeys(record.scene for record in results.records)
-    return frozenset(record.key for scene in scenes for record in representatives(
-        one_per_variant(record for record in results.records if record.scene == scene)))
+    return frozenset(record.key for record in drawn_runs(results))
 
 
 def run_label(record: Record) -> str:
@@ -154,12 +159,6 @@ def at_equal_step(table: pd.DataFrame, variant: str) -> pd.DataFrame:
     return rows[ranks == ranks.min()]
 
 
-def largest(rows: pd.DataFrame, column: str) -> int | None:
-    """Return the label of the row with the largest size in a column; None without any."""
-    sizes = rows[column].abs().dropna() if column in rows else pd.Series(dtype=float)
-    return None if sizes.empty else int(sizes.idxmax())
-
-
 @dataclass(frozen=True)
 class Method:
     """The runs of a variant at equal step that were made.
@@ -187,7 +186,7 @@ class Method:
 
     @property
     def is_own(self) -> bool:
-        """Whether it is a method of the reference."""
+        """True for the reference and the paper's scheme."""
         return self.engine == REFERENCE
 
     @cached_property
@@ -198,11 +197,12 @@ class Method:
     @cached_property
     def worst(self) -> int | None:
         """Label of the row with the largest error; None if all runs failed."""
-        return largest(self.rows.drop(index=self.failed.index), self.column)
+        errors = self.rows.drop(index=self.failed.index)[self.column]
+        return None if errors.empty else int(errors.abs().idxmax())
 
     @property
     def is_ranked(self) -> bool:
-        """Whether every run succeeded, so that its worst case is that of all cases."""
+        """True if every run succeeded, so that its worst case is that of all cases."""
         return self.worst is not None and self.failed.empty
 
 

@@ -1,4 +1,4 @@
-"""What a study shows: sentences whose numbers are cells of its tables, tables with labels and units, charts as data."""
+"""Presentation of a study: sentences whose numbers are cells, tables with labels and units, charts as data."""
 
 from stiction.comparisons.presentation.charts import (BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap,
                                                       MechanismPicture, Panel, Series)

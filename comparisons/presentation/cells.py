@@ -44,7 +44,7 @@ def with_uncertainty(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def is_numeric(column: pd.Series) -> bool:
-    """Whether a column holds numbers, with or without uncertainty."""
+    """Test if a column holds numbers, with or without uncertainty."""
     is_number = pd.api.types.is_numeric_dtype(column) and column.dtype != bool
     return is_number or any(isinstance(value, Uncertain) for value in column)
 

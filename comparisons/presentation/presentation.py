@@ -1,4 +1,4 @@
-"""What a study says: its answer, findings, tables and figures, for renderers that know no study by name."""
+"""Presentation of a study: its answer, findings, tables and figures, for renderers that know no study by name."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Headline:
 
 @dataclass(frozen=True)
 class Presentation:
-    """What a study says of its tables.
+    """Answer, findings, tables and figures of a study.
 
     Attributes
     ----------

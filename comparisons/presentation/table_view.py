@@ -24,12 +24,11 @@ class Column:
     name : str
         Of the frame's column.
     label : str
-        Heading without unit; the name, if empty.
+        Heading without unit; if empty the name, with nothing else made of it.
     unit : str
-        Of the value, after `scale`; that in the name, if empty.
+        Of the value, after `scale`; if empty, the unit in the name.
     uncertainty : str
-        Name of the frame's column with the uncertainty, in the unit of the value; if empty, the column named after
-        this one (`uncertainty_of`), if there is one.
+        Name of the frame's column with the uncertainty, in the unit of the value; if empty, `uncertainty_of` the name.
     form : str
         Format of a number, such as ``".3g"``; if empty, two digits for errors, else by the column's name.
     interval : bool
@@ -73,7 +72,7 @@ class Column:
         value = row[self.name]
         if is_missing(value) or isinstance(value, (str, bool, np.bool_)):
             return cell(self.name, value)
-        unsure = row.get(self.uncertainty or ("" if self.form else uncertainty_of(self.name)))
+        unsure = row.get(self.uncertainty or (uncertainty_of(self.name) if self.label and not self.form else ""))
         if not is_missing(unsure):
             number = Uncertain(self.scale * float(value), self.scale * float(unsure))
             return number.both() if self.interval else str(number)
@@ -128,7 +127,7 @@ class TableView:
         return [[column.text(row) for column in columns] for row in self.frame.to_dict("records")]
 
     def right(self, brief: bool = False) -> list[bool]:
-        """Whether each column holds numbers, which stand to the right."""
+        """True for columns of numbers, which stand to the right."""
         return [pd.api.types.is_numeric_dtype(self.frame[column.name]) and self.frame[column.name].dtype != bool
                 for column in self.shown(brief)]
 

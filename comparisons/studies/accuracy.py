@@ -15,8 +15,8 @@ from stiction.comparisons.campaigns.single_scene import records_comparison
 from stiction.comparisons.measures.accuracy import (EVENT_WINDOW, KINDS, TORQUE_ERROR, accuracy_table, errors, missed,
                                                     size_of)
 from stiction.comparisons.measures.scene_truth import truth_for
-from stiction.comparisons.methods import (Method, called, case_of, grouped_methods, groups, known_of, made_methods,
-                                          methods, one_per_variant, representatives, same_work, title_of, with_columns)
+from stiction.comparisons.methods import (Method, called, case_of, drawn_runs, grouped_methods, groups, known_of,
+                                          made_methods, methods, same_work, title_of, with_columns)
 from stiction.comparisons.presentation import (LIMIT, NAME, Axis, Chart, Column, Headline, Number, Panel, Presentation,
                                                Series, TableView, TracedText, count, listed, scaled_value, sentence,
                                                traced, value, view)
@@ -95,8 +95,8 @@ def present(results: Results) -> Presentation:
                 sentence("Runs that failed or were declined, so that the method is not ranked: {}.", listed(failed))]
     headline = Headline("position [m]", {variant: _cell(table, method) for variant, method in found.items()})
     tables = (_by_method(results, table, found), *_by_scene(table))
-    figures = tuple(figure for figure in (_over_step(table, found), *_differences(results, table)) if figure.panels)
-    return Presentation(answer, tuple(filter(None, findings)), (headline,), tables, figures, NOTES)
+    return Presentation(answer, tuple(filter(None, findings)), (headline,), tables,
+                        (_over_step(table, found), *_differences(results, table)), NOTES)
 
 
 def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:
@@ -157,7 +157,7 @@ def _closest(results: Results, table: pd.DataFrame, found: Mapping[str, Method])
 
 
 def differ(table: pd.DataFrame, one: int, other: int) -> bool:
-    """Whether the position errors of two rows differ by more than both their uncertainties."""
+    """Test if the position errors of two rows differ by more than both their uncertainties."""
     unsure = table.loc[[one, other], UNCERTAINTY].sum()
     return bool(abs(table.at[one, POSITION] - table.at[other, POSITION]) > unsure)
 
@@ -273,8 +273,7 @@ def _over_step(table: pd.DataFrame, chosen: Mapping[str, Method]) -> Chart:
 def _differences(results: Results, table: pd.DataFrame) -> Iterator[Chart]:
     """The difference from the truth over time: of positions, and of the driving torque."""
     scenes = list(dict.fromkeys(record.scene for record in results.records))
-    chosen = [each for scene in scenes
-              for each in representatives(one_per_variant(one for one in results.records if one.scene == scene))]
+    chosen = drawn_runs(results)
     truths = {key: results.truths.get(name) for key, name in zip(table["key"], table["truth"])}
     for quantity, endings, unit in (("position", (".x", ".y"), "m"), ("torque", (".effort",), "N m")):
         panels = []
@@ -285,12 +284,11 @@ def _differences(results: Results, table: pd.DataFrame) -> Iterator[Chart]:
                 series = list(_difference_series(there, truths, endings))
                 axis = Axis(f"{quantity} difference [{unit}]", log=True)
                 panels.append(Panel(f"{title_of(scene)}; {name}", Axis("time [s]"), axis, series))
-        if any(panel.series for panel in panels):
-            caption = (f"Difference of each method's {quantity} from the truth over time, at the step nearest to "
-                       f"1 ms or the tightest tolerance; the largest in each of {PIECES} parts of the time. "
-                       "A method that does not locate an event differs there by the jump.")
-            yield Chart(f"difference-{quantity}", caption,
-                        row_by_row(panels, len(scenes)), len(scenes), ROW_HEIGHT, share_x=True)
+        caption = (f"Difference of each method's {quantity} from the truth over time, at the step nearest to 1 ms or "
+                   f"the tightest tolerance; the largest in each of {PIECES} parts of the time. A method that does not "
+                   "locate an event differs there by the jump.")
+        yield Chart(f"difference-{quantity}", caption, row_by_row(panels, len(scenes)), len(scenes), ROW_HEIGHT,
+                    share_x=True)
 
 
 def _difference_series(records: Sequence[Record], truths: Mapping[str, Truth | None],

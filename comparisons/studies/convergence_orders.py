@@ -33,7 +33,7 @@ FEWEST = 4
 ALIKE = 0.25
 """Part of the order by which the slopes between neighbouring runs of the asymptotic range may differ.
 
-The next term of the error is then at most a quarter of the leading one at the coarser of two steps, one twice the other.
+The next term of the error is then at most a quarter of the leading one at the coarser of two steps in ratio 2.
 """
 SMOOTH = 80.0
 """s; of a stretch without events: the slider-bar without friction."""

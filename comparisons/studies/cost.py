@@ -126,9 +126,13 @@ def _bounded(rows: pd.DataFrame, label: int) -> TracedText:
     return traced("≤ {}" if rows.at[label, "at most"] else "{}", scaled_value("equal-error", rows, label, TOTAL))
 
 
-def _range(rows: pd.DataFrame, fidelity: str) -> TracedText:
-    """The least and the largest total time of external engines at a fidelity."""
-    rows = rows[rows["steps"] & (rows["fidelity"] == fidelity)]
+def _engines(reached: pd.DataFrame, fidelity: str) -> TracedText:
+    """The least and the largest total time of external engines with steps at a fidelity."""
+    return _range(reached[reached["steps"] & (reached["fidelity"] == fidelity)])
+
+
+def _range(rows: pd.DataFrame) -> TracedText:
+    """The least and the largest total time."""
     ends = dict.fromkeys((rows[TOTAL].idxmin(), rows[TOTAL].idxmax())) if len(rows) else ()
     return listed([_bounded(rows, label) for label in ends], last=" to ")
 
@@ -138,13 +142,14 @@ def _answer(reached: pd.DataFrame, first: str) -> TracedText:
         return traced("No timed run is accurate to {} in {}.", MILLIMETRE, case_of(first))
     parts: list[Part] = [traced("{} {} ms", called(variant), _bounded(reached, int(label)))
                          for variant in (REFERENCE, PAPER) for label in reached.index[reached["variant"] == variant]]
-    parts.append(sentence("engines with ideal joints {} ms", _range(reached, "joint")))
-    return sentence("CPU to an error of {} in {}: {}.", MILLIMETRE, case_of(first), listed([*filter(None, parts)]))
+    parts += filter(None, [sentence("engines with ideal joints {} ms", _engines(reached, "joint"))])
+    return traced("CPU to an error of {} in {}: {}.", MILLIMETRE, case_of(first),
+                  listed(parts or [traced("engines {} ms", _range(reached))]))
 
 
 def _contacts(reached: pd.DataFrame) -> TracedText:
     return sentence("Engines with contacts take {} ms to it, each against the truth of its own friction law.",
-                    _range(reached, "contact"))
+                    _engines(reached, "contact"))
 
 
 def _not_reached(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> TracedText:
@@ -172,10 +177,10 @@ def _limited(equal: pd.DataFrame, scenes: int) -> TracedText:
 def _accelerations(cost: pd.DataFrame, first: str) -> TracedText:
     """Engines whose accelerations, under our integrator, come closer than their own steps do."""
     rows = cost[_measured(cost) & (cost["scene"] == first) & (cost["fidelity"] == "joint")]
-    is_ours = rows["settings"].map(lambda settings: json.loads(settings).get("method")).eq("accelerations")
+    methods_of = rows["settings"].map(lambda settings: json.loads(settings).get("method"))
     closer = []
-    for _, found in rows.groupby("engine", sort=False):
-        ours, own = found.loc[is_ours, ERROR], found.loc[~is_ours & (rows["parameter"] == "dt"), ERROR]
+    for _, found in rows.assign(ours=methods_of.eq("accelerations")).groupby("engine", sort=False):
+        ours, own = found.loc[found["ours"], ERROR], found.loc[~found["ours"] & (found["parameter"] == "dt"), ERROR]
         if len(ours) and len(own) and ours.min() < own.min():
             closer.append((ours.idxmin(), own.idxmin()))
     if not closer:
@@ -253,7 +258,8 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
     columns = (Column("variant", "method"), Column(ERROR, "smallest error"),
                Column("order", uncertainty="order uncertainty", interval=True), Column("limit"),
                Column("set-up cpu [s]", "set-up", "ms", scale=MILLI),
-               Column("compile cpu [s]", "compilation", "ms", scale=MILLI), Column("disturbed", "timings disturbed"),
+               Column("compile cpu [s]", "compilation", "ms", scale=MILLI, brief=False),
+               Column("disturbed", "timings disturbed", brief=False),
                Column(FRICTION_BY, "friction law by", brief=False), Column(EVENTS_BY, brief=False),
                Column("why", brief=False))
     caption = ("The smallest error of each refinement series (of several cases the worst), the order at its finest "
@@ -287,7 +293,7 @@ def _figure(cost: pd.DataFrame) -> Chart:
 
 
 def _methods(rows: pd.DataFrame) -> list[str]:
-    """Of each engine, fidelity and way of solving the first variant: others change a setting of it."""
+    """The first variant of each engine, fidelity and way of solving: others change a setting of it."""
     way = rows["settings"].map(lambda settings: json.loads(settings).get("method"), na_action="ignore").fillna("")
     return list(rows.assign(way=way).drop_duplicates(["engine", "fidelity", "way"])["variant"])
 

@@ -39,7 +39,7 @@ JUDGED = {ERROR: "position uncertainty [m]", "torque error, L1 mean [N m]": "tor
 
 The drift is that of all joints and drives, see `drift_table`.
 """
-FASTEST, FACTOR, EVERYWHERE = "fastest with no larger error", "time, of the fastest [-]", "better everywhere"
+FACTOR, EVERYWHERE = "time, of the fastest [-]", "better everywhere"
 TIME_RATIO, ERROR_RATIO, FAILED = "time, of the default's [-]", "largest error, of the default's [-]", "failed runs"
 TIME_RATIO_ENDS = f"{TIME_RATIO}, least", f"{TIME_RATIO}, most"
 MORE = 1.01
@@ -92,15 +92,6 @@ class Trials:
     def engines(self) -> list[str]:
         return list(dict.fromkeys(subject.engine for subject in self.subjects))
 
-    def variants(self, engines: Sequence[str]) -> list[Variant]:
-        """Variants of these engines, of all where there are none; `InputError` if there are no settings of one."""
-        for engine in engines:
-            if engine not in self.engines:
-                raise InputError(f"engines: found {engine!r}; expected some of {', '.join(self.engines)}, "
-                                 "which the study has settings of")
-        return [variant for subject in self.subjects if subject.engine in (engines or self.engines)
-                for variant in subject.variants(self.steps)]
-
 
 def load_study() -> Trials:
     """The trials of ``data/engine_settings.toml``."""
@@ -109,23 +100,21 @@ def load_study() -> Trials:
     return Trials(tuple(data["steps"]), data["scenes"], tuple(Subject(**subject) for subject in data["subjects"]))
 
 
-def settings_study(engines: Sequence[str], *, repeats: int = 3) -> Comparison[pd.DataFrame]:
-    """`settings_comparison` on all scenes of the study, timed in the same rounds; rows of a subject together."""
-    study = load_study()
-    parts = [settings_comparison(load_scene(name), engines, t_end=seconds, repeats=repeats)
-             for name, seconds in study.scenes.items()]
-    order = {subject.label: place for place, subject in enumerate(study.subjects)}
-    return side_by_side(parts, lambda tables: pd.concat(tables).sort_values(
-        SUBJECT, key=lambda labels: labels.map(order), kind="stable", ignore_index=True))
-
-
 def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | None = None,
                         repeats: int = 3) -> Comparison[pd.DataFrame]:
-    """Rows of `work_precision` for every choice and step of these engines, of all if empty.
+    """Rows of `work_precision` for every choice and step of these engines, with the setting, its drift, and the front.
 
-    Added are its drift, the setting that is changed and whether it is on the front.
+    Raises
+    ------
+    InputError
+        If the study has no settings of an engine.
     """
-    variants = scaled(load_study().variants(engines), scene, t_end)
+    trials = load_study()
+    if unknown := set(engines) - set(trials.engines):
+        raise InputError(f"engines: found {min(unknown)!r}; expected some of {', '.join(trials.engines)}, "
+                         "which the study has settings of")
+    variants = [variant for subject in trials.subjects if subject.engine in engines
+                for variant in subject.variants(trials.steps)]
 
     def with_front(timed: Timed) -> pd.DataFrame:
         drifts = [drift_and_rounding(record.trajectory) for record in timed.records]
@@ -137,7 +126,7 @@ def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | 
             table.loc[rows.index, ON_FRONT] = front(_errors(rows), *times)
         return table
 
-    return work_precision(scene, variants, t_end=t_end, repeats=repeats).then(with_front)
+    return work_precision(scene, scaled(variants, scene, t_end), t_end=t_end, repeats=repeats).then(with_front)
 
 
 def drift_and_rounding(trajectory: Trajectory | None) -> dict[str, float]:
@@ -167,7 +156,7 @@ def _no_larger(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _smaller(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Whether one of the errors is; where nothing moves, they may be 0."""
+    """Test if one of the errors is smaller; where nothing moves, they may be 0."""
     return ((MORE * errors <= others) & (errors < others)).any(axis=0)
 
 
@@ -190,45 +179,37 @@ def _errors(rows: pd.DataFrame) -> np.ndarray:
     return np.array(found)
 
 
-def distance_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
-    """Time of the default over that of the fastest choice with no larger errors, by scene, subject and step.
-
-    `FASTEST` has all choices that no other is clearly faster than: the default, too, unless it is clearly slower.
-    """
-    rows = []
-    for (scene, subject), group in _measured(table).groupby(["scene", SUBJECT], sort=False):
-        errors = _errors(group)
-        for place in np.flatnonzero(group[SETTING] == DEFAULT):
-            row, rivals = group.iloc[place], group[_no_larger(errors, errors[:, [place]])]
-            best = rivals.loc[rivals[OWN_CPU].idxmin()]
-            alike = rivals[rivals[LOW] <= best[HIGH]]
-            rows.append({"scene": scene, SUBJECT: subject, "step": row["step"], ON_FRONT: row[ON_FRONT],
-                         FASTEST: ", ".join(dict.fromkeys(alike[SETTING])), "its step": best["step"],
-                         FACTOR: row[OWN_CPU] / best[OWN_CPU]})
-    return pd.DataFrame(rows, columns=["scene", SUBJECT, "step", ON_FRONT, FASTEST, "its step", FACTOR])
-
-
 def ranks_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
     """Default of each method of an engine among its other choices, over all scenes.
+
+    On a scene and step the fastest choices are those with no larger errors that no other is clearly faster than.
 
     Returns
     -------
     DataFrame
         A row per subject. `SUBJECT`; `ON_FRONT`, of the scenes and steps, as ``8 of 12``; `EVERYWHERE`, the choices of
         `better_everywhere`, or ``none``; and where another choice gains most in time at no larger error: `FACTOR`,
-        ``choice`` (with its step, if that is another), ``scene``, ``step`` of the default; empty where none is
-        distinguishable from the default.
+        ``choice`` (with its step, if that is another), ``scene``, ``step`` of the default; empty where the default is
+        among the fastest on each.
     """
     rows = []
-    for subject, group in distance_of_defaults(table).groupby(SUBJECT, sort=False):
-        slower = group[[DEFAULT not in names.split(", ") for names in group[FASTEST]]]
-        row = {SUBJECT: subject, ON_FRONT: f"{int(group[ON_FRONT].sum())} of {len(group)}",
-               EVERYWHERE: ", ".join(better_everywhere(table[table[SUBJECT] == subject])) or "none"}
-        if len(slower):
-            worst = slower.loc[slower[FACTOR].idxmax()]
-            elsewhere = "" if worst["its step"] == worst["step"] else f" at {worst['its step']:g} s"
-            row |= {**worst[[FACTOR, "scene", "step"]], "choice": worst[FASTEST] + elsewhere}
-        rows.append(row)
+    for subject, group in _measured(table).groupby(SUBJECT, sort=False):
+        fronts, gains = [], []
+        for scene, here in group.groupby("scene", sort=False):
+            errors = _errors(here)
+            for place in np.flatnonzero(here[SETTING] == DEFAULT):
+                default, rivals = here.iloc[place], here[_no_larger(errors, errors[:, [place]])]
+                best = rivals.loc[rivals[OWN_CPU].idxmin()]
+                fastest = list(dict.fromkeys(rivals.loc[rivals[LOW] <= best[HIGH], SETTING]))
+                elsewhere = "" if best["step"] == default["step"] else f" at {best['step']:g} s"
+                fronts.append(default[ON_FRONT])
+                if DEFAULT not in fastest:
+                    gains.append({FACTOR: default[OWN_CPU] / best[OWN_CPU], "choice": ", ".join(fastest) + elsewhere,
+                                  "scene": scene, "step": default["step"]})
+        if fronts:
+            better = ", ".join(better_everywhere(group)) or "none"
+            rows.append({SUBJECT: subject, ON_FRONT: f"{sum(fronts)} of {len(fronts)}", EVERYWHERE: better,
+                         **max(gains, key=lambda gain: gain[FACTOR], default={})})
     return pd.DataFrame(rows, columns=[SUBJECT, ON_FRONT, EVERYWHERE, FACTOR, "choice", "scene", "step"])
 
 
@@ -272,16 +253,25 @@ def against_defaults(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def plan(scope: Scope) -> Comparison[Tables] | None:
-    """All settings on all scenes of the trials, at a depth that has them; of one scene at any depth."""
-    limits, trials = extent(scope.depth), load_study()
+    """All settings on all scenes of the trials, at a depth that has them; of one scene at any depth.
+
+    Rows of a subject follow each other.
+    """
+    trials, limits = load_study(), extent(scope.depth)
     if len(scope.scenes) == 1:
-        found = settings_comparison(scope.scenes[0], scope.engines or (), t_end=scope.t_end, repeats=scope.repeats or 3)
+        where, engines, repeats = [(scope.scenes[0], scope.t_end)], scope.engines or trials.engines, scope.repeats or 3
     else:
+        where = [(load_scene(name), seconds) for name, seconds in trials.scenes.items()] if limits.settings else []
         engines = [name for name in trials.engines if scope.engines is None or name in scope.engines]
-        if not (limits.settings and engines):
-            return None
-        found = settings_study(engines, repeats=scope.repeats or limits.repeats)
-    return found.then(lambda table: Tables({"settings": table}))
+        repeats = scope.repeats or limits.repeats
+    order = {subject.label: place for place, subject in enumerate(trials.subjects)}
+
+    def tables(found: list[pd.DataFrame]) -> Tables:
+        return Tables({"settings": pd.concat(found).sort_values(SUBJECT, key=lambda labels: labels.map(order),
+                                                                kind="stable", ignore_index=True)})
+
+    parts = [settings_comparison(scene, engines, t_end=t_end, repeats=repeats) for scene, t_end in where if engines]
+    return side_by_side(parts, tables) if parts else None
 
 
 def present(results: Results) -> Presentation:

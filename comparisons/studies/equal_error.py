@@ -80,7 +80,7 @@ COLUMNS = ("scene", "truth", "fidelity", "variant", "engine", "quantity", "error
 
 @dataclass(frozen=True)
 class Limit:
-    """What limits the error of a variant's refinement series.
+    """Limit of the error of a variant's refinement series.
 
     Attributes
     ----------
@@ -190,7 +190,7 @@ def accelerations_of(series: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame |
 
 
 def limit_of(series: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFrame | None = None) -> Limit:
-    """What limits the error of a variant; the rules of the module, in their order.
+    """Find the limit of the error of a variant by the rules of the module, in their order.
 
     Parameters
     ----------

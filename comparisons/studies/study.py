@@ -120,8 +120,3 @@ def studies() -> tuple[Study, ...]:
     modules = [import_module(f"{package.__name__}.{module.name}") for module in pkgutil.iter_modules(package.__path__)]
     found = [module.STUDY for module in modules if hasattr(module, "STUDY")]
     return tuple(sorted(found, key=lambda study: study.place))
-
-
-def study(name: str) -> Study:
-    """The study of this name."""
-    return next(each for each in studies() if each.name == name)

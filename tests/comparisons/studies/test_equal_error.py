@@ -1,4 +1,4 @@
-"""Time to equal error, on ladders whose answer is known; where a ladder ends, and by which rule that is told."""
+"""Time to equal error, on series whose answer is known; where a series ends, and the rule that says so."""
 
 import json
 
@@ -24,7 +24,7 @@ ROUNDS = 1 + 0.01 * np.array([0.0, 3.0, -2.0, 1.0, -1.0])
 """By what the times of each round differ from their median."""
 
 
-def ladder(variant="a", error=(1e-2, 1e-4), unsure=0.0, parameter="dt", steps=None, torque=None, events=None, fidelity="joint", engine=None, status=None, scene="made-up", **settings):
+def series(variant="a", error=(1e-2, 1e-4), unsure=0.0, parameter="dt", steps=None, torque=None, events=None, fidelity="joint", engine=None, status=None, scene="made-up", **settings):
     steps = [10.0 ** -(i + 2) for i in range(len(error))] if steps is None else steps
     table = pd.DataFrame({"scene": scene, "variant": variant, "engine": engine or variant, "fidelity": fidelity, "parameter": parameter, "step": steps,
                           "status": status or ["ok"] * len(error), "reason": "" if status is None else "gave up", "settings": json.dumps(settings),
@@ -45,7 +45,7 @@ def samples(table, own, total=None):
 @given(st.floats(0.5, 4), st.floats(1e-7, 9e-2))
 def test_a_power_law_is_met_exactly_and_has_the_spread_of_its_times(order, target):
     error = 0.1 * 10.0 ** -np.arange(7)
-    table, own = ladder(error=error), 3.0 * error ** (-1 / order)
+    table, own = series(error=error), 3.0 * error ** (-1 / order)
     time = time_to(table, samples(table, own, 2 * own), POSITION, target)
     exact = 3.0 * target ** (-1 / order)
     assert time[OWN_CPU] == pytest.approx(exact, rel=1e-9) and time["cpu [s]"] == pytest.approx(2 * exact)
@@ -53,7 +53,7 @@ def test_a_power_law_is_met_exactly_and_has_the_spread_of_its_times(order, targe
 
 
 def test_nothing_is_extrapolated_and_the_coarsest_rung_is_a_bound():
-    table = ladder(error=[1e-3, 1e-5])
+    table = series(error=[1e-3, 1e-5])
     times = samples(table, [2.0, 7.0])
     assert not time_to(table, times, POSITION, 1e-6) and not time_to(table, times, POSITION, 1e-4)["at most"]
     bound = time_to(table, times, POSITION, 1e-2)
@@ -61,27 +61,27 @@ def test_nothing_is_extrapolated_and_the_coarsest_rung_is_a_bound():
 
 
 def test_a_ladder_that_turns_back_is_followed_in_its_own_order():
-    # the second rung is the best; the line between the first two passes 1e-3 at the time 2 whatever follows
-    table = ladder(error=[1e-2, 1e-4, 5e-3])
+    # the second run is the best; the line between the first two passes 1e-3 at the time 2 whatever follows
+    table = series(error=[1e-2, 1e-4, 5e-3])
     assert time_to(table, samples(table, [1.0, 4.0, 16.0]), POSITION, 1e-3)[OWN_CPU] == pytest.approx(2.0)
 
 
 def test_an_error_below_its_uncertainty_is_not_reached():
-    table = ladder(error=[1e-2, 1e-9], unsure=1e-4)
+    table = series(error=[1e-2, 1e-9], unsure=1e-4)
     assert not time_to(table, samples(table, [1.0, 2.0]), POSITION, 1e-5)
     assert limit_of(table, POSITION).because == TRUTH
 
 
 def test_a_ratio_at_equal_error_is_of_the_same_rounds():
-    fast, slow = ladder("fast"), ladder("slow")
+    fast, slow = series("fast"), series("slow")
     times = pd.concat([samples(fast, [1.0, 4.0]), samples(slow, [3.0, 12.0])])
     one, other = (rounds_to(table, times, POSITION, 1e-3)[OWN_CPU] for table in (fast, slow))
     found = ratio_interval(other, one)
     assert (found.value, found.low, found.high) == pytest.approx((3.0, 3.0, 3.0))
 
 
-def test_runs_that_were_lost_or_not_timed_are_never_fast():
-    table = ladder(error=[1e-2, 1e-9, 1e-4], status=["ok", "failed", "ok"])
+def test_runs_that_failed_or_were_not_timed_are_never_fast():
+    table = series(error=[1e-2, 1e-9, 1e-4], status=["ok", "failed", "ok"])
     table.loc[0, "reason"] = table.loc[2, "reason"] = ""
     assert time_to(table, samples(table, [1.0, 0.1, 4.0]), POSITION, 1e-4)[OWN_CPU] == pytest.approx(4.0)
     timed = samples(table, [1.0, 0.1, 4.0])
@@ -92,25 +92,25 @@ FLAT = [1e-3, 9.7e-4, 9.5e-4]
 
 
 @pytest.mark.parametrize("table, quantity, accelerations, because, words", [
-    (ladder(error=[1e-2, 1e-3, 1e-4]), POSITION, None, INTEGRATION, "order 1 ± "),
-    (ladder(error=[1e-2, 1e-5, 1e-8], parameter="rtol", steps=[1e-3, 1e-6, 1e-9]), POSITION, None, INTEGRATION, "order 1 ± "),
-    (ladder(error=[1e-1, 1e-2, 1e-3], parameter="iterations", steps=[1, 10, 100], dt=2e-3), POSITION, None, INTEGRATION, "still falls: order 1 ± "),
-    (ladder(error=FLAT, parameter="iterations", steps=[2, 5, 50], dt=2e-3), POSITION, None, INTEGRATION, "its step of 0.002 s is fixed"),
-    (ladder(error=FLAT, fidelity="contact"), POSITION, None, MODEL, "bodies in contact"),
-    (ladder(error=FLAT), POSITION, 8e-4, MODEL, "end at 0.0008 m"),
-    (ladder(error=FLAT), POSITION, 1e-8, ADAPTER, "lead to 1e-08 m"),
-    (ladder(error=FLAT, friction_law="Coulomb, bound set by the adapter each step"), POSITION, None, ADAPTER, "by the adapter"),
-    (ladder(error=FLAT, friction_law="Coulomb (engine)"), POSITION, None, UNKNOWN, "does not fall"),
-    (ladder(error=[1e-2]), POSITION, None, UNKNOWN, "too few runs"),
-    (ladder(error=[1e-2, 1e-3]), POSITION, None, UNKNOWN, "too few runs"),  # two points make a slope without an interval
-    (ladder(error=[8e-3, 2.2e-3, 1.6e-3], steps=[1e-2, 5e-3, 2.5e-3], fidelity="contact"), POSITION, None, UNKNOWN, " in dt at the finest runs"),
-    (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3)), TORQUE, None, ADAPTER, "not known when it jumps"),
-    (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3), events=[1e-2, 1e-5]), TORQUE, None, TRUTH, "truth"),
-    (ladder(), EVENTS, None, ADAPTER, "locates no events"),
-    (ladder(events=[1e-2, 1e-4]), TORQUE, None, UNKNOWN, "nothing to compare with"),
-    (ladder(error=[np.nan, np.nan], status=["failed", "timed out"]), POSITION, None, FAILED, "timed out: gave up")])
+    (series(error=[1e-2, 1e-3, 1e-4]), POSITION, None, INTEGRATION, "order 1 ± "),
+    (series(error=[1e-2, 1e-5, 1e-8], parameter="rtol", steps=[1e-3, 1e-6, 1e-9]), POSITION, None, INTEGRATION, "order 1 ± "),
+    (series(error=[1e-1, 1e-2, 1e-3], parameter="iterations", steps=[1, 10, 100], dt=2e-3), POSITION, None, INTEGRATION, "still falls: order 1 ± "),
+    (series(error=FLAT, parameter="iterations", steps=[2, 5, 50], dt=2e-3), POSITION, None, INTEGRATION, "its step of 0.002 s is fixed"),
+    (series(error=FLAT, fidelity="contact"), POSITION, None, MODEL, "bodies in contact"),
+    (series(error=FLAT), POSITION, 8e-4, MODEL, "end at 0.0008 m"),
+    (series(error=FLAT), POSITION, 1e-8, ADAPTER, "lead to 1e-08 m"),
+    (series(error=FLAT, friction_law="Coulomb, bound set by the adapter each step"), POSITION, None, ADAPTER, "by the adapter"),
+    (series(error=FLAT, friction_law="Coulomb (engine)"), POSITION, None, UNKNOWN, "does not fall"),
+    (series(error=[1e-2]), POSITION, None, UNKNOWN, "too few runs"),
+    (series(error=[1e-2, 1e-3]), POSITION, None, UNKNOWN, "too few runs"),  # two points make a slope without an interval
+    (series(error=[8e-3, 2.2e-3, 1.6e-3], steps=[1e-2, 5e-3, 2.5e-3], fidelity="contact"), POSITION, None, UNKNOWN, " in dt at the finest runs"),
+    (series(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3)), TORQUE, None, ADAPTER, "not known when it jumps"),
+    (series(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3), events=[1e-2, 1e-5]), TORQUE, None, TRUTH, "truth"),
+    (series(), EVENTS, None, ADAPTER, "locates no events"),
+    (series(events=[1e-2, 1e-4]), TORQUE, None, UNKNOWN, "nothing to compare with"),
+    (series(error=[np.nan, np.nan], status=["failed", "timed out"]), POSITION, None, FAILED, "timed out: gave up")])
 def test_why_a_limit_ofs(table, quantity, accelerations, because, words):
-    found = limit_of(table, quantity, None if accelerations is None else ladder("accelerations", error=[1e-2, accelerations]))
+    found = limit_of(table, quantity, None if accelerations is None else series("accelerations", error=[1e-2, accelerations]))
     assert found.because == because and words in found.why
 
 
@@ -118,7 +118,7 @@ MOREAU = {"case 1": [8.12e-4, 8.18e-4, 5.86e-4], "case 2": [3.99e-3, 1.9e-3, 9.5
 
 
 def of_cases(errors, **others):
-    return pd.concat([ladder(error=error, steps=[4e-3, 2e-3, 1e-3], scene=scene, fidelity="contact", **others) for scene, error in errors.items()], ignore_index=True)
+    return pd.concat([series(error=error, steps=[4e-3, 2e-3, 1e-3], scene=scene, fidelity="contact", **others) for scene, error in errors.items()], ignore_index=True)
 
 
 def test_a_limit_is_said_from_all_cases():
@@ -149,7 +149,7 @@ def test_an_order_is_a_fit_over_all_cases_with_its_interval():
 
 
 def test_the_table_goes_down_to_the_first_error_that_is_not_reached():
-    flat, deep = ladder("flat", error=[9.9e-4, 9.7e-4, 9.5e-4], engine="e"), ladder("deep", error=[1e-2, 1e-4, 1e-6], engine="e", method="accelerations")
+    flat, deep = series("flat", error=[9.9e-4, 9.7e-4, 9.5e-4], engine="e"), series("deep", error=[1e-2, 1e-4, 1e-6], engine="e", method="accelerations")
     times = pd.concat([samples(table, [1.0, 2.0, 4.0]) for table in (flat, deep)])
     table = equal_error(pd.concat([flat, deep], ignore_index=True), times)
     found = {variant: rows.set_index("error") for variant, rows in table.groupby("variant")}
@@ -169,7 +169,7 @@ def test_scenes_keep_their_own_times_and_have_one_limit():
 
 
 def test_on_runs(in_this_process, monkeypatch):
-    """The reference reaches a tighter error in more time; what it costs is what the ladder's own runs cost."""
+    """The reference reaches a tighter error in more time; what it costs is what the series's own runs cost."""
     scene = load_scene("pendulum")
     ways = (Variant("reference", "reference", "rtol", (1e-4, 1e-6, 1e-8)), Variant("paper", "reference", "dt", (1e-2, 5e-3, 2.5e-3), settings={"method": "paper"}))
     monkeypatch.setattr(cost_study, "cost_variants", lambda engines, depth: ways)
@@ -187,6 +187,6 @@ def test_every_scene_has_an_independent_truth(name):
 
 
 def test_ladders_without_any_error_are_an_empty_table():
-    table = ladder(error=[np.nan, np.nan], status=["failed", "failed"])
+    table = series(error=[np.nan, np.nan], status=["failed", "failed"])
     found = equal_error(table, samples(table.iloc[:0], []).reindex(columns=["key", "round", OWN_CPU, "cpu [s]"]))
     assert found.empty and {OWN_CPU, LOW, HIGH, "because"} <= set(found)

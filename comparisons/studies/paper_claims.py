@@ -34,7 +34,6 @@ from stiction.scenes import Scene, Trajectory, scene_to_toml, vary
 
 HOLDS, STEADY, PARTLY, FAILS = "holds", "holds in the steady state only", "partly", "does not hold"
 CONTRADICTS, NOT_TESTABLE, UNDECIDED = "contradicts itself", "not testable", "not decided"
-VERDICTS = (HOLDS, STEADY, PARTLY, CONTRADICTS, FAILS, NOT_TESTABLE, UNDECIDED)
 
 RUN, FROM_START = 80.0, 24.0
 """Seconds of a run of the scheme, whose last period is its steady state, and of the stretch from the start.
@@ -273,8 +272,6 @@ SAMPLING = 1e-5
 Maxima are of 4000 samples a period. The fastest oscillation here is four periods of the bar in one of the load: they
 miss its maximum by up to (2 pi 4/4000)^2/8 = 5e-6 of it.
 """
-
-
 THRESHOLD = "threshold on F0 [N]"
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from stiction.comparisons.presentation.presentation import ANSWER_LENGTH, Presentation
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.accuracy import STUDY, largest_differences, present
+from stiction.comparisons.studies.accuracy import largest_differences, present
 from stiction.comparisons.truth import CLOSED_FORM, Truth
 from stiction.scenes import Trajectory
 from made_up_runs import CASES, VARIANTS, about, cells, record, sentences, wrong_numbers
@@ -118,7 +118,3 @@ def test_differences_are_taken_where_the_truth_is_stored():
     run = Trajectory("made-up", "made-up", "1", "joint", t, {"slider.x": np.sin(t) + off, "slider.y": -0.5 * off})
     at, size = largest_differences(run, truth, (".x", ".y"))
     assert len(at) == 120 and size == pytest.approx(3e-3, rel=1e-9) and np.allclose(at % 0.2, 0.07)
-
-
-def test_the_study_is_found():
-    assert (STUDY.name, STUDY.place) == ("accuracy", 1)

@@ -22,10 +22,10 @@ from stiction.comparisons.studies.work_precision import TIMING, TOTAL, Timed, wo
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Variant, scaled
 from stiction.scenes import Scene, load_scene
 
-PAPER = "paper's scheme"
+PAPER, SET_UP = "paper's scheme", "set-up [s]"
 ERROR, UNCERTAINTY = QUANTITIES[0].error, QUANTITIES[0].uncertainty
 NEEDED = ("scene", "variant", "engine", "fidelity", "parameter", "status", "reason", "settings", FRICTION_BY, EVENTS_BY,
-          TOTAL, OWN_CPU, "repeats", TIMING, "set-up [s]", "compile [s]", ERROR, UNCERTAINTY)
+          TOTAL, OWN_CPU, "repeats", TIMING, SET_UP, "compile [s]", ERROR, UNCERTAINTY)
 """Columns that a table in which all runs failed, or none was timed, may lack."""
 TARGET = 1e-3
 """Metres: the error at which methods are compared in words."""
@@ -39,8 +39,8 @@ NOTES = ("CPU time is that of the whole run, our adapter included; in brackets t
          "Times are medians of runs in rounds. Between two runs of a refinement series log(time) is linear in "
          "log(error); nothing is extrapolated. ≤: the coarsest run already has a smaller error. ≥: below the "
          "uncertainty of the truth. –: no timed run is as accurate; >: than the finest timed run, which is not.",
-         "The order is that of the error over step or tolerance at the finest runs, one for all cases, ± its 95 % "
-         "interval. integration: a finer run would go on. model: contacts, or the engine's own equations. adapter: "
+         "A limit follows from the order of the error over step or tolerance at the finest runs of all cases. "
+         "integration: a finer run would go on. model: contacts, or the engine's own equations. adapter: "
          "what we add to the engine. truth: below the uncertainty of the truth. inconclusive: the order allows both.")
 
 
@@ -91,7 +91,7 @@ def present(results: Results) -> Presentation:
     equal = _times_to_position(results, cost)
     reached = equal[(equal["scene"] == first) & (equal["error"] == TARGET) & equal[TOTAL].notna()]
     findings = [_contacts(reached), _not_reached(cost, reached, first), _limited(equal, cost["scene"].nunique()),
-                _accelerations(cost, first), _disturbed(cost)]
+                _accelerations(cost, first), _set_up(cost), _disturbed(cost)]
     tables = [_table(cost, rows, str(scene), first) for scene, rows in equal.groupby("scene", sort=False)]
     return Presentation(_answer(reached, first), tuple(filter(None, findings)),
                         _headlines(results, cost, reached, first), (*tables, _limits(cost, equal), _every_run(cost)),
@@ -193,6 +193,16 @@ def _accelerations(cost: pd.DataFrame, first: str) -> TracedText:
                   value("cost", cost, int(best), ERROR))
 
 
+def _set_up(cost: pd.DataFrame) -> TracedText:
+    """The longest time before the first step, of the reference and of the engines."""
+    times = cost.loc[_measured(cost) & cost[SET_UP].notna(), [SET_UP, "variant", "engine"]]
+    longest = (("the reference", times.loc[times["variant"] == REFERENCE, SET_UP]),
+               ("the engines", times.loc[times["engine"] != REFERENCE, SET_UP]))
+    return sentence("Set-up comes on top: {}.", listed([
+        traced("up to {} ms for {}", scaled_value("cost", cost, int(found.idxmax()), SET_UP), name)
+        for name, found in longest if len(found)]))
+
+
 def _disturbed(cost: pd.DataFrame) -> TracedText:
     if not _is_disturbed(cost).any():
         return TracedText()
@@ -251,27 +261,25 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
         done, one = runs[succeeded(runs)], times.iloc[0]
         row = {"variant": variant, ERROR: times[SMALLEST].max(), "order": one["order [-]"],
                "order uncertainty": one["order uncertainty [-]"], "limit": one["because"], "why": one["why"],
-               "set-up cpu [s]": done["set-up [s]"].median(), "compile cpu [s]": done["compile [s]"].max(),
+               "set-up cpu [s]": done[SET_UP].median(), "compile cpu [s]": done["compile [s]"].max(),
                "disturbed": f"{_is_disturbed(runs).sum()} of {_is_timed(runs).sum()}",
                **done.iloc[0][[FRICTION_BY, EVENTS_BY]]}
         rows.append((row, runs))
     columns = (Column("variant", "method"), Column(ERROR, "smallest error"),
                Column("order", uncertainty="order uncertainty", interval=True), Column("limit"),
                Column("set-up cpu [s]", "set-up", "ms", scale=MILLI),
-               Column("compile cpu [s]", "compilation", "ms", scale=MILLI, brief=False),
-               Column("disturbed", "timings disturbed", brief=False),
-               Column(FRICTION_BY, "friction law by", brief=False), Column(EVENTS_BY, brief=False),
-               Column("why", brief=False))
+               Column("compile cpu [s]", "compilation", "ms", scale=MILLI), Column("disturbed", "timings disturbed"),
+               Column(FRICTION_BY, "friction law by"), Column(EVENTS_BY), Column("why"))
     caption = ("The smallest error of each refinement series (of several cases the worst), the order at its finest "
                "runs, and what limits it. Set-up: median; compilation: once a process, at most.")
-    return view("cost-limits", caption, rows, columns, source="cost")
+    return view("cost-limits", caption, rows, columns, source="cost", in_report=False)
 
 
 def _every_run(cost: pd.DataFrame) -> TableView:
     columns = (Column("scene"), Column("variant", "method"), Column("parameter", "refined by"),
                Column("step", form="g"), Column("status"), Column("reason"),
                Column(TOTAL, "CPU", "ms", scale=MILLI, second=OWN_CPU),
-               Column("set-up [s]", "set-up", "ms", scale=MILLI, form=".2g"), Column(ERROR, "position error"),
+               Column(SET_UP, "set-up", "ms", scale=MILLI, form=".2g"), Column(ERROR, "position error"),
                Column("order, position [-]", "order"), Column("torque error, L1 mean [N m]", "torque error, mean"),
                Column("event time error [s]", "event time error"), Column(TIMING))
     return view("cost-all", "Every run of the refinement series.", cost, columns, source="cost", in_report=False)

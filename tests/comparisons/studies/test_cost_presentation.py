@@ -98,6 +98,7 @@ def test_time_to_a_millimetre_is_the_total_one_in_the_first_case():
         "slow": "> 500", "pymunk, contact": "300 (240)"}
     text = " ".join(finding.text for finding in shown.findings)
     assert "No timed run of slow is accurate to 1 mm there." in text and "3 of 54 timings are marked" in text
+    assert "up to 1 ms for the reference and up to 6 ms for the engines" in text
 
 
 def test_tables_have_totals_with_the_engines_part_and_no_engine_that_is_not_installed():

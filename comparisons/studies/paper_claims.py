@@ -135,7 +135,9 @@ class Views:
 
 def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> Comparison[pd.DataFrame]:
     """`claims_table` in tasks: those of one case share motions. The claims of a failed task are one row."""
-    first = {claim.case: row for row, claim in reversed([*enumerate(claims())])}
+    first: dict[str, int] = {}
+    for row, claim in enumerate(claims()):
+        first.setdefault(claim.case, row)
 
     def part(case: str, outcome: Outcome) -> pd.DataFrame:
         if outcome.value is not None:
@@ -144,10 +146,10 @@ def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> 
                              "why": outcome.reason, "status": outcome.status, "reason": outcome.reason}, [first[case]])
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        parts = [part(case, outcome) for case, outcome in zip(sorted(first), outcomes, strict=True)]
+        parts = [part(case, outcome) for case, outcome in zip(first, outcomes, strict=True)]
         return pd.concat(parts).sort_index().reset_index(drop=True)
 
-    tasks = [Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in sorted(first)]
+    tasks = [Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in first]
     return Comparison(tuple(tasks), tabulate)
 
 

@@ -11,7 +11,7 @@ from report_material import study_tables
 from stiction.comparisons.measures.steady_stretch import run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.measures.claim_measures import MEASURES, Example, Finding, above, all_of, as_said, below
 from stiction.comparisons.studies import paper_claims
-from stiction.comparisons.studies.paper_claims import (CHOICES, CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, THRESHOLD, UNDECIDED,
+from stiction.comparisons.studies.paper_claims import (CHOICES, CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDECIDED,
                                                        Claim, Sensitivity, Views, claims, drift_claims, findings,
                                                        paper_run, sensitivity, sensitivity_comparison, verdict)
 from stiction.comparisons.truth import StickThreshold, slider_bar_truth
@@ -169,8 +169,9 @@ def test_of_what_the_paper_leaves_open_only_gravity_decides(overrides, threshold
 
 
 def row_of(threshold, stick, said, reason=""):
-    return Outcome("a choice", "ok", Sensitivity(({} if threshold is None else {THRESHOLD: threshold}) | {"stick time per period, case 1 [s]": stick},
-                                                   {"case 1: words": said}, reason))
+    numbers = {"threshold on F0 [N]": threshold, "stick time per period, case 1 [s]": stick}
+    known = {name: number for name, number in numbers.items() if number is not None}
+    return Outcome("a choice", "ok", Sensitivity(known, {"case 1: words": said}, reason))
 
 
 def test_what_depends_on_what_the_paper_leaves_open():

@@ -1,16 +1,18 @@
-"""Runs that stand for their variant in figures and tables, their names there, and the groups that may be ranked."""
+"""Runs that stand for a method in tables and figures, its name there, and the methods that may be compared with it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
 
 import pandas as pd
 
-from stiction.comparisons.results import Results
-from stiction.comparisons.variants import COMMON_STEP, EVENTS_BY, FRICTION_BY, MUS_EQUALS_MU, Record
+from stiction.comparisons.campaigns.participants import REFERENCE
 from stiction.comparisons.presentation.cells import setting_of
+from stiction.comparisons.results import Results
+from stiction.comparisons.variants import COMMON_STEP, EVENTS_BY, FRICTION_BY, MUS_EQUALS_MU, UNMADE, Record
 from stiction.scenes import catalogue, load_scene
 
 CONTACT = ", contact"
@@ -21,16 +23,16 @@ _ARTICLE = {"reference": "the reference", "paper's scheme": "the paper's scheme"
 
 
 def one_per_variant(records: Iterable[Record]) -> list[Record]:
-    """Return of each variant the successful run nearest to `COMMON_STEP` or at the tightest tolerance."""
-    by_variant: dict[str, list[Record]] = {}
+    """The run of each variant nearest to `COMMON_STEP` or at the tightest tolerance, of those with a trajectory."""
+    made: dict[str, list[Record]] = {}
     for record in records:
         if record.trajectory is not None:
-            by_variant.setdefault(record.variant.label, []).append(record)
-    return [min(runs, key=lambda record: rank(record.variant.parameter, record.step)) for runs in by_variant.values()]
+            made.setdefault(record.variant.label, []).append(record)
+    return [min(runs, key=lambda run: rank(run.variant.parameter, run.step)) for runs in made.values()]
 
 
 def representatives(records: Iterable[Record]) -> list[Record]:
-    """Return the first variant of each engine, fidelity and method: others change a setting of it."""
+    """The first variant of each engine, fidelity and method: others change a setting of it."""
     chosen: dict[tuple[str, str, object], Record] = {}
     for record in records:
         method = None if record.trajectory is None else record.trajectory.settings.get("method")
@@ -38,23 +40,27 @@ def representatives(records: Iterable[Record]) -> list[Record]:
     return list(chosen.values())
 
 
+def drawn_runs(results: Results) -> list[Record]:
+    """The run that stands for each engine, fidelity and method on each scene."""
+    scenes = dict.fromkeys(record.scene for record in results.records)
+    return [run for scene in scenes
+            for run in representatives(one_per_variant(run for run in results.records if run.scene == scene))]
+
+
 def rank(parameter: str, step: float) -> float:
-    """Return the rank of a run, the smallest of which is chosen: distance from `COMMON_STEP`, or the tolerance."""
+    """Distance from `COMMON_STEP`, or the tolerance: the smallest is chosen."""
     return abs(math.log(step / COMMON_STEP)) if parameter == "dt" else step
 
 
 def stored_keys(results: Results) -> frozenset[str]:
-    """Return the keys of the runs whose trajectories a run folder keeps.
+    """Keys of the runs whose trajectories a run folder keeps.
 
-    They are all that are compared or, where the depth says ``drawn``, those that stand for their engine on a scene.
-    Runs that were made to be timed alone are made again by the command in their row.
+    All that are compared; at a depth that says ``drawn`` the `drawn_runs`. Runs that were made to be timed alone are
+    repeated by the command in their row.
     """
     if results.settings.get("trajectories") != "drawn":
         return frozenset(record.key for record in results.records)
-    by_scene: dict[str, list[Record]] = {}
-    for record in results.records:
-        by_scene.setdefault(record.scene, []).append(record)
-    return frozenset(record.key for runs in by_scene.values() for record in representatives(one_per_variant(runs)))
+    return frozenset(record.key for record in drawn_runs(results))
 
 
 def run_label(record: Record) -> str:
@@ -64,7 +70,7 @@ def run_label(record: Record) -> str:
 
 @cache
 def case_of(scene: str) -> str:
-    """Return ``case 1`` for ``slider-bar-case-1``: the part of its title after the mechanism, else all of it."""
+    """``case 1`` for ``slider-bar-case-1``: the part of its title after the mechanism, else all of it."""
     title = load_scene(scene).title if scene in catalogue() else scene
     return title.partition(", ")[2] or title
 
@@ -75,7 +81,7 @@ def title_of(scene: str) -> str:
 
 
 def groups(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield rows that answer one question, and their name: one fidelity, and one physics of static friction.
+    """The rows that answer one question, with a name: one fidelity, and one physics of static friction.
 
     Joint and contact fidelity answer different questions; so do mus > mu and, of an engine that has no static
     coefficient, mus = mu.
@@ -86,9 +92,9 @@ def groups(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
 
 
 def same_work(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield the rows of `groups` that may be ranked with each other, and their name: of the same part of the work.
+    """The rows of `groups` that may be ranked with each other, with a name: engines do the same part of the work.
 
-    The suppliers of the friction law and of the events are the same for all runs of a variant, of failed ones unknown.
+    Who supplies the friction law and who locates events is the same for all runs of a variant; of failed ones unknown.
     """
     for name, rows in groups(table):
         parts = [rows["variant"].map(known_of(rows, column)) for column in (FRICTION_BY, EVENTS_BY)]
@@ -97,43 +103,55 @@ def same_work(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
 
 
 def known_of(rows: pd.DataFrame, column: str) -> dict[str, str]:
-    """Return a column's value by variant, in the first successful run; ``not known`` where all runs failed."""
-    there = rows[rows[column].notna()].groupby("variant")[column].first() if column in rows else {}
-    return {variant: there.get(variant, "not known") for variant in rows["variant"]}
+    """Value of a column by variant, in the first of its runs that has one, else ``not known``."""
+    known = rows[rows[column].notna()].groupby("variant")[column].first() if column in rows else {}
+    return {variant: known.get(variant, "not known") for variant in rows["variant"]}
 
 
 def methods(results: Results) -> list[str]:
-    """Return the labels of the variants that stand for a method: the first of each engine, fidelity and way.
+    """Labels of the variants that stand for a method: the first of each engine, fidelity and way of solving.
 
-    Engines all of whose runs failed have the first of each fidelity, for a stored run need not have the trajectories of
-    others. Engines that are not installed have none.
+    Of an engine without any trajectory it is the first of each fidelity; of one that is not installed there is none. A
+    stored run need not have the trajectories of others.
     """
-    successful = representatives(record for record in results.records if record.trajectory is not None)
-    there = {(record.variant.engine, record.variant.fidelity) for record in successful}
+    made = representatives(record for record in results.records if record.trajectory is not None)
+    known = {(record.variant.engine, record.variant.fidelity) for record in made}
     failed = representatives(record for record in results.records if record.outcome.status != MISSING_ENGINE
-                             and (record.variant.engine, record.variant.fidelity) not in there)
-    chosen = {record.variant.label for record in (*successful, *failed)}
+                             and (record.variant.engine, record.variant.fidelity) not in known)
+    chosen = {record.variant.label for record in (*made, *failed)}
     return [label for label in dict.fromkeys(record.variant.label for record in results.records) if label in chosen]
 
 
-def grouped_methods(results: Results, of: Callable[[pd.DataFrame], Iterator[tuple[str, pd.DataFrame]]] = groups
-                    ) -> Iterator[tuple[str, list[str]]]:
-    """Yield `methods` by group: of `groups` or, for rankings, of `same_work`."""
+Grouping = Callable[[pd.DataFrame], Iterator[tuple[str, pd.DataFrame]]]
+
+
+def grouped_methods(results: Results, grouping: Grouping = groups) -> Iterator[tuple[str, list[str]]]:
+    """`methods` by `groups` or, for rankings, by `same_work`."""
     accuracy, chosen = results.tables.get("accuracy", pd.DataFrame()), methods(results)
-    for name, rows in of(accuracy) if len(accuracy) else ():
+    for name, rows in grouping(accuracy) if len(accuracy) else ():
         there = set(rows["variant"])
         if found := [variant for variant in chosen if variant in there]:
             yield name, found
 
 
 def called(variant: str, fidelity: bool = True) -> str:
-    """Return the name of a variant in a sentence: ``pymunk with contact``, or ``pymunk`` without the fidelity."""
+    """A variant in a sentence: ``pymunk with contact`` for ``pymunk, contact``; ``pymunk`` without its fidelity."""
     name = variant.removesuffix(CONTACT)
     return _ARTICLE.get(name, name) + (" with contact" if fidelity and name != variant else "")
 
 
+def succeeded(table: pd.DataFrame) -> pd.Series:
+    """Rows of runs that reached their end: one that stopped early is cheap, and may not have met what is hard."""
+    return (table["status"] == "ok") & (table["reason"].fillna("") == "")
+
+
+def with_columns(table: pd.DataFrame, *names: str) -> pd.DataFrame:
+    """Return a table that has these columns, without values where it had none of that name."""
+    return table.reindex(columns=list(dict.fromkeys([*table, *names])))
+
+
 def at_equal_step(table: pd.DataFrame, variant: str) -> pd.DataFrame:
-    """Return the rows of a variant at the step nearest to `COMMON_STEP`, or at its tightest tolerance."""
+    """The rows of a variant at the step nearest to `COMMON_STEP`, or at its tightest tolerance."""
     rows = table[table["variant"] == variant] if "variant" in table else pd.DataFrame()
     if rows.empty:
         return rows
@@ -141,7 +159,55 @@ def at_equal_step(table: pd.DataFrame, variant: str) -> pd.DataFrame:
     return rows[ranks == ranks.min()]
 
 
-def largest(rows: pd.DataFrame, column: str) -> int | None:
-    """Return the label of the row with the largest size in a column; None without any."""
-    sizes = rows[column].abs().dropna() if column in rows else pd.Series(dtype=float)
-    return None if sizes.empty else int(sizes.idxmax())
+@dataclass(frozen=True)
+class Method:
+    """The runs of a variant at equal step that were made.
+
+    Attributes
+    ----------
+    variant : str
+    rows : DataFrame
+        Of a table, with its labels; a row or more per case.
+    column : str
+        The error by which the method is ranked.
+    """
+
+    variant: str
+    rows: pd.DataFrame
+    column: str
+
+    @property
+    def engine(self) -> str:
+        return str(self.rows["engine"].iloc[0])
+
+    @property
+    def fidelity(self) -> str:
+        return str(self.rows["fidelity"].iloc[0])
+
+    @property
+    def is_own(self) -> bool:
+        """True for the reference and the paper's scheme."""
+        return self.engine == REFERENCE
+
+    @cached_property
+    def failed(self) -> pd.DataFrame:
+        """Rows of runs that failed, ended early, or are no approximation of the motion."""
+        return self.rows[~(succeeded(self.rows) & self.rows[self.column].notna())]
+
+    @cached_property
+    def worst(self) -> int | None:
+        """Label of the row with the largest error; None if all runs failed."""
+        errors = self.rows.drop(index=self.failed.index)[self.column]
+        return None if errors.empty else int(errors.abs().idxmax())
+
+    @property
+    def is_ranked(self) -> bool:
+        """True if every run succeeded, so that its worst case is that of all cases."""
+        return self.worst is not None and self.failed.empty
+
+
+def made_methods(table: pd.DataFrame, variants: Iterable[str], column: str) -> dict[str, Method]:
+    """The methods of which a run was made, by label of their variants, in the order of these."""
+    found = ((variant, at_equal_step(with_columns(table, column), variant)) for variant in variants)
+    made = ((variant, rows[~rows["status"].isin(UNMADE)]) for variant, rows in found if len(rows))
+    return {variant: Method(variant, rows, column) for variant, rows in made if len(rows)}

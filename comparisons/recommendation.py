@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.methods import called, case_of, grouped_methods, same_work
+from stiction.comparisons.methods import called, case_of, grouped_methods, made_methods, methods, same_work
 from stiction.comparisons.presentation.traced_text import Number, TracedText, listed, traced, value
 from stiction.comparisons.results import Results
 from stiction.comparisons.uncertain import rounded_up
-from stiction.comparisons.studies.accuracy import method_of
 from stiction.engines.registry import OWN_METHODS
 from stiction.scenes import catalogue, load_scene
 
@@ -49,8 +48,8 @@ def recommendation(results: Results) -> list[TracedText]:
     table = results.table("accuracy")
     if POSITION not in table:
         return []
-    variants = [variant for _, group in grouped_methods(results) for variant in group]
-    ranked = {variant: method.worst for variant in variants if (method := method_of(table, variant)).is_ranked}
+    found = made_methods(table, methods(results), POSITION)
+    ranked = {variant: method.worst for variant, method in found.items() if method.is_ranked}
     if "reference" not in ranked:
         return []
 

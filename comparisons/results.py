@@ -27,7 +27,7 @@ class Results:
         ``claims`` and, in full, their ``sensitivity``, ``hard``; of the first scene ``orders``, ``effects``,
         ``suppression``; of all cases ``cost``, and ``times``: the samples behind all times; ``equal-error`` of all
         cases and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`; in full ``settings``: what the
-        settings of the engines do, of `stiction.comparisons.studies.engine_settings.settings_study`.
+        settings of the engines do, `stiction.comparisons.studies.engine_settings`.
     settings : Mapping
         Of the campaign: depth, engines, time limit, workers, which trajectories are stored, whether an interrupt left
         runs unmade, and the machine's load before, while timing and after.

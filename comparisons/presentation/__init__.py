@@ -1,1 +1,14 @@
-"""What a study shows: sentences whose numbers are cells of its tables, tables with labels and units, charts as data."""
+"""Presentation of a study: sentences whose numbers are cells, tables with labels and units, charts as data."""
+
+from stiction.comparisons.presentation.charts import (BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap,
+                                                      MechanismPicture, Panel, Series)
+from stiction.comparisons.presentation.presentation import ANSWER_LENGTH, Headline, Presentation
+from stiction.comparisons.presentation.table_view import Column, TableView, view
+from stiction.comparisons.presentation.traced_text import (COUNT, NAME, RATIO, VALUE, Number, Part, TracedText, count,
+                                                           interval, listed, ratio, scaled_value, sentence, short,
+                                                           traced, value)
+
+__all__ = ["ANSWER_LENGTH", "BETTER", "CHOSEN", "COUNT", "LIMIT", "NAME", "OTHER", "RATIO", "TRUTH", "VALUE", "Axis",
+           "Chart", "Column", "Figure", "Headline", "HeatMap", "MechanismPicture", "Number", "Panel", "Part",
+           "Presentation", "Series", "TableView", "TracedText", "count", "interval", "listed", "ratio", "scaled_value",
+           "sentence", "short", "traced", "value", "view"]

@@ -1,4 +1,4 @@
-"""Text of table cells: numbers rounded by what their column is, an error or a drift to two digits, with their uncertainty."""
+"""Text of table cells: numbers rounded by their column's name, errors to two digits with their uncertainty."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stiction.comparisons.uncertain import ERROR_DIGITS, Uncertain, plain
 TRAJECTORY = "trajectory"
 """Column of stored tables: the file of a row's trajectory, relative to the run folder."""
 AGAIN = "run again"
-"""Column of stored tables: the command that makes a run again whose trajectory is not stored."""
+"""Column of stored tables: the command that repeats a run whose trajectory is not stored."""
 MISSING, NULL = "–", "null (figure lost in the text we have)"
 _ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall|change|order|convergence")
 _EXACT = re.compile(r"F0|truth \[N\]|event time \[s\]")
@@ -22,13 +22,20 @@ _EXACT_DIGITS, _DIGITS = 10, 6  # a threshold is known to 1e-8
 
 
 def uncertainty_of(column: str) -> str:
-    """The column that holds the uncertainty of another, by name: ``position error [m]`` has ``position uncertainty [m]``."""
-    return re.sub(r"(error|distance)(, L1 mean)?", "uncertainty", column, count=1)
+    """Column with the uncertainty of another: ``position uncertainty [m]`` of ``position error [m]``; else ``""``."""
+    named = re.sub(r"(error|distance)(, L1 mean)?", "uncertainty", column, count=1)
+    return "" if named == column else named
+
+
+def unit_of(column: str) -> str:
+    """Unit in a column's name: ``m`` of ``position error [m]``; none of a number without dimension."""
+    found = re.search(r"\[([^\]]*)\]$", column)
+    return "" if found is None or found[1] == "-" else found[1]
 
 
 def with_uncertainty(table: pd.DataFrame) -> pd.DataFrame:
-    """The table with `Uncertain` numbers in place of pairs of columns, number and uncertainty."""
-    pairs = {column: uncertainty_of(column) for column in table if uncertainty_of(str(column)) != column and uncertainty_of(str(column)) in table}
+    """Replace pairs of columns, number and uncertainty, by `Uncertain` numbers."""
+    pairs = {column: unsure for column in table if (unsure := uncertainty_of(str(column))) and unsure in table}
     shown = table.drop(columns=list(set(pairs.values())))
     for column, unsure in pairs.items():
         shown[column] = [value if is_missing(value) or is_missing(u) else Uncertain(float(value), float(u))
@@ -37,8 +44,9 @@ def with_uncertainty(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def is_numeric(column: pd.Series) -> bool:
-    """Whether a column holds numbers, with or without uncertainty."""
-    return pd.api.types.is_numeric_dtype(column) and column.dtype != bool or any(isinstance(value, Uncertain) for value in column)
+    """Test if a column holds numbers, with or without uncertainty."""
+    is_number = pd.api.types.is_numeric_dtype(column) and column.dtype != bool
+    return is_number or any(isinstance(value, Uncertain) for value in column)
 
 
 def setting_of(parameter: str, step: float) -> str:
@@ -49,7 +57,7 @@ def setting_of(parameter: str, step: float) -> str:
 
 
 def cell(column: str, value: object) -> str:
-    """A value as it stands in a column of this name."""
+    """Text of a value in a column of this name."""
     if is_missing(value):
         return NULL if re.fullmatch(r"paper( \[.*\])?", column.lower()) else MISSING
     if isinstance(value, (bool, np.bool_)):

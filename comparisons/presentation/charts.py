@@ -1,4 +1,4 @@
-"""Figures as data: panels of series over axes, intervals and heat maps; renderers know these kinds and no figure by name."""
+"""Figures as data: panels of series over axes, heat maps, mechanisms; renderers know these kinds alone."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class Series:
         In the legend; none if empty.
     x, y : ndarray, shape (n,)
     low, high : ndarray, optional
-        Ends of the interval of each y, or of each x where the panel is one of intervals; shape (n,).
+        Ends of the interval of each y, or of each x in a horizontal panel; shape (n,).
     look : str
-        Label of a variant, whose colour, dashes and marker are the same in all figures; or one of the looks of this module; or another
-        word, which has a look of its own among those of its figure.
+        Label of a variant, whose look is the same in all figures; or a look of this module; or another word, which
+        has a look of its own in its figure.
     line, points, hollow : bool
         Whether there is a line, markers, and markers without fill.
     """
@@ -46,7 +46,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Axis:
-    """Label with unit; logarithmic or not; ticks at these values, words at them where the axis counts categories; ends."""
+    """Label with unit; logarithmic or not; ticks at these values, words at them on an axis of categories; ends."""
 
     label: str = ""
     log: bool = False
@@ -61,10 +61,8 @@ class Panel:
 
     Attributes
     ----------
-    title : str
-    x, y : Axis
-    series : sequence of Series
-        `horizontal`: low and high are of x, and y counts categories.
+    horizontal : bool
+        Whether the intervals of series are of x, over categories y.
     shades : sequence of (float, float)
         Parts of the x axis in grey: stick phases.
     lines : sequence of float
@@ -82,10 +80,7 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Panels in rows of `columns`, one legend, one caption.
-
-    `share_x`, `share_y`: whether all panels have the same axis. `height`: of a row, inches.
-    """
+    """Panels in rows of `columns`, each row `height` inches high; all with one legend, on common axes where shared."""
 
     name: str
     caption: str
@@ -102,13 +97,12 @@ class HeatMap:
 
     Attributes
     ----------
-    rows, columns : sequence of str
     cells : sequence of sequence of str
         Categories, row by row; empty where there is none.
     categories : Mapping[str, tuple[str, str]]
         By category its sign and its colour (hexadecimal), best first.
     groups : Mapping[str, int]
-        Headings above rows: by heading the number of rows that follow.
+        By heading above rows the number of rows that follow.
     """
 
     name: str

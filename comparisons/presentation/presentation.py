@@ -1,9 +1,9 @@
-"""What a study says: its answer in a sentence, findings, tables and figures; renderers show it and know no study by name."""
+"""Presentation of a study: its answer, findings, tables and figures, for renderers that know no study by name."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from stiction.comparisons.presentation.charts import Figure
 from stiction.comparisons.presentation.table_view import TableView
@@ -15,15 +15,7 @@ ANSWER_LENGTH = 160
 
 @dataclass(frozen=True)
 class Headline:
-    """A column of the table on page one.
-
-    Attributes
-    ----------
-    label : str
-        Heading, with unit.
-    cells : Mapping[str, TracedText]
-        By label of a method; a method that is not there has none.
-    """
+    """A column of the table on page one: its heading with unit, and cells by label of a method."""
 
     label: str
     cells: Mapping[str, TracedText]
@@ -31,29 +23,27 @@ class Headline:
 
 @dataclass(frozen=True)
 class Presentation:
-    """What a study says of its tables.
+    """Answer, findings, tables and figures of a study.
 
     Attributes
     ----------
     answer : TracedText
-        One sentence or two, of at most `ANSWER_LENGTH` characters where numbers allow; empty where there is nothing to say.
+        One sentence or two, of at most `ANSWER_LENGTH` characters where numbers allow; empty if there is none.
     findings : tuple of TracedText
         Further sentences, in the study's section alone.
     headlines : tuple of Headline
-        Columns for page one.
     tables : tuple of TableView
-        The first ones stand in the report; all of them on the page and in print.
     figures : tuple of Figure
     notes : tuple of str
         How to read tables and figures: definitions, signs, what may be compared.
     """
 
-    answer: TracedText = TracedText("")
+    answer: TracedText = TracedText()
     findings: tuple[TracedText, ...] = ()
     headlines: tuple[Headline, ...] = ()
     tables: tuple[TableView, ...] = ()
     figures: tuple[Figure, ...] = ()
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     @property
     def is_empty(self) -> bool:

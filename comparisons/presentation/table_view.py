@@ -1,14 +1,14 @@
-"""Tables as data: which columns of a study's table are shown, under which label, in which unit, with which uncertainty."""
+"""Tables as data: the columns of a study's table that are shown, with label, unit and uncertainty."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.presentation.cells import cell, is_missing
+from stiction.comparisons.presentation.cells import cell, is_missing, uncertainty_of, unit_of
 from stiction.comparisons.uncertain import Uncertain
 
 BRIEF_ROWS = 30
@@ -24,23 +24,23 @@ class Column:
     name : str
         Of the frame's column.
     label : str
-        Heading, without unit; the name if not given.
+        Heading without unit; if empty the name, with nothing else made of it.
     unit : str
-        Of the value, after `scale`.
+        Of the value, after `scale`; if empty, the unit in the name.
     uncertainty : str
-        Name of the frame's column with the uncertainty, in the unit of the value; none if empty.
+        Name of the frame's column with the uncertainty, in the unit of the value; if empty, `uncertainty_of` the name.
     form : str
-        Format of a number, such as ``".3g"``; two digits for errors, else by the column's name, if empty.
+        Format of a number, such as ``".3g"``; if empty, two digits for errors, else by the column's name.
     interval : bool
         A number with a sign, always written with its uncertainty: ``-0.035 ± 0.063``, not ``< 0.098``.
     scale : float
         Factor from the frame's unit to the unit shown: 1000 for s shown in ms.
     brief : bool
         Whether it stands in the report, too; pages and prints have every column.
-    beside : str
-        Name of the frame's column of a second number, in the same unit, that stands behind in brackets: ``55 (46)``; none if empty.
+    second : str
+        Name of the frame's column of a second number, in the same unit, in brackets: ``55 (46)``.
     bound : str
-        Name of the frame's column that is true where the value is an upper bound: ``≤ 55``; none if empty.
+        Name of the frame's column with the sign of a value that is a bound: ``≤ 55``, ``≥ 55``.
     """
 
     name: str
@@ -51,28 +51,29 @@ class Column:
     interval: bool = False
     scale: float = 1.0
     brief: bool = True
-    beside: str = ""
+    second: str = ""
     bound: str = ""
 
     @property
     def head(self) -> str:
         """The label with its unit in brackets."""
-        return (self.label or self.name) + (f" [{self.unit}]" if self.unit else "")
+        unit = self.unit or (unit_of(self.name) if self.label else "")
+        return (self.label or self.name) + (f" [{unit}]" if unit else "")
 
-    def text(self, row: dict[str, object]) -> str:
-        """The cell of a row of the frame, with what stands before and behind its value."""
-        text = self._value(row)
-        second = row.get(self.beside)
+    def text(self, row: Mapping[str, object]) -> str:
+        """The cell of a row of the frame."""
+        text, second = self._value(row), row.get(self.second)
         if not is_missing(second):
             text += f" ({cell(self.name, self.scale * float(second))})"
-        return f"≤ {text}" if row.get(self.bound) else text
+        sign = row.get(self.bound)
+        return text if is_missing(sign) else f"{sign} {text}"
 
-    def _value(self, row: dict[str, object]) -> str:
+    def _value(self, row: Mapping[str, object]) -> str:
         value = row[self.name]
         if is_missing(value) or isinstance(value, (str, bool, np.bool_)):
             return cell(self.name, value)
-        unsure = row.get(self.uncertainty)
-        if self.uncertainty and not is_missing(unsure):
+        unsure = row.get(self.uncertainty or (uncertainty_of(self.name) if self.label and not self.form else ""))
+        if not is_missing(unsure):
             number = Uncertain(self.scale * float(value), self.scale * float(unsure))
             return number.both() if self.interval else str(number)
         if self.form:
@@ -92,7 +93,7 @@ class TableView:
     frame : DataFrame
         Full precision; a row per row shown, uncertainties in columns of their own.
     columns : tuple of Column
-        Those shown, in their order; columns without any value are left out.
+        In their order; columns without any value are left out.
     source : str
         Name of the table of the data that the rows come from.
     rows : tuple of tuple of int
@@ -126,15 +127,26 @@ class TableView:
         return [[column.text(row) for column in columns] for row in self.frame.to_dict("records")]
 
     def right(self, brief: bool = False) -> list[bool]:
-        """Which columns hold numbers, which stand to the right."""
+        """True for columns of numbers, which stand to the right."""
         return [pd.api.types.is_numeric_dtype(self.frame[column.name]) and self.frame[column.name].dtype != bool
                 for column in self.shown(brief)]
 
 
-def view(name: str, caption: str, frame: pd.DataFrame, columns: Iterable[Column], *, source: str = "",
-         rows: Sequence[Sequence[int]] | None = None, group: str = "", in_report: bool = True) -> TableView:
-    """A `TableView` of the rows of a table of the data, whose index counts from 0, or of rows that sum up several (`rows`)."""
+def view(name: str, caption: str, frame: pd.DataFrame | Iterable[tuple[Mapping[str, object], pd.DataFrame]],
+         columns: Iterable[Column], *, source: str = "", rows: Sequence[Sequence[int]] | None = None, group: str = "",
+         in_report: bool = True) -> TableView:
+    """Return a `TableView` of a table of the data, or of a part of it, whose index counts from 0.
+
+    Parameters
+    ----------
+    frame
+        Rows of the data; or pairs of a row and the rows of the data that it sums up.
+    rows
+        Rows of `source` behind each row of a frame, from 1, where they are not its own.
+    """
+    if not isinstance(frame, pd.DataFrame):
+        pairs = list(frame)
+        frame, rows = pd.DataFrame([row for row, _ in pairs]), [behind.index + 1 for _, behind in pairs]
     behind = [(number + 1,) for number in frame.index] if rows is None else rows
     return TableView(name, caption, frame.reset_index(drop=True), tuple(columns), source or name,
-                     tuple(tuple(int(number) for number in each) for each in behind), group,
-                     in_report)
+                     tuple(tuple(int(number) for number in each) for each in behind), group, in_report)

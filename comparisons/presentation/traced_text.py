@@ -1,4 +1,4 @@
-"""Sentences whose numbers know where they stand in the data, so that a sentence cannot say what the data do not."""
+"""Sentences whose numbers are cells of the data."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 
 import pandas as pd
 
-from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.presentation.cells import cell, uncertainty_of
+from stiction.comparisons.uncertain import Uncertain
 
 VALUE, COUNT, RATIO, NAME = "value", "count", "ratio", "name"
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number as it stands in a sentence, and where it comes from.
+    """A number in a sentence, and where it comes from.
 
     Attributes
     ----------
@@ -24,7 +24,8 @@ class Number:
     table, column : str
         Of ``data/TABLE.csv``; no column for a count.
     how : {"value", "count", "ratio", "name"}
-        The cell of each of the rows; the number of rows with the values `where`; the cell of the first row by that of the second; what the cell names.
+        The cell of each of the rows; the number of rows with the values `where`; the cell of the first row over that
+        of the second; the name in the cell.
     rows : tuple of int
         From 1, the heading not counted; none for a count.
     where : Mapping
@@ -46,7 +47,7 @@ class Number:
 class TracedText:
     """Words with the numbers in them, in their order."""
 
-    text: str
+    text: str = ""
     numbers: tuple[Number, ...] = ()
 
     def __bool__(self) -> bool:
@@ -57,56 +58,73 @@ Part = TracedText | Number | str
 
 
 def traced(template: str, *parts: Part) -> TracedText:
-    """The template with a part in place of each ``{}``."""
-    told = [TracedText(part, ()) if isinstance(part, str) else TracedText(part.text, (part,)) if isinstance(part, Number) else part for part in parts]
-    return TracedText(template.format(*(part.text for part in told)), tuple(number for part in told for number in part.numbers))
+    """Return the template with a part in place of each ``{}``."""
+    numbers: list[Number] = []
+    for part in parts:
+        numbers += [part] if isinstance(part, Number) else part.numbers if isinstance(part, TracedText) else []
+    return TracedText(template.format(*map(_text, parts)), tuple(numbers))
+
+
+def _text(part: Part) -> str:
+    return part if isinstance(part, str) else part.text
+
+
+def sentence(template: str, *parts: Part) -> TracedText:
+    """Return `traced`, or nothing where one of the parts is empty."""
+    return traced(template, *parts) if all(map(_text, parts)) else TracedText()
 
 
 def listed(parts: Sequence[Part], separator: str = ", ", last: str = " and ") -> TracedText:
-    """``a, b and c``."""
+    """``a, b and c``; nothing of no parts."""
     if not parts:
-        return TracedText("")
+        return TracedText()
     *first, end = parts
     return traced(separator.join("{}" for _ in first) + (last if first else "") + "{}", *first, end)
 
 
 def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "", unsure: str = "") -> Number:
-    """The cell of a row, an error or a jump by its size, with its uncertainty where the table has one.
+    """Return the cell of a row, an error or a jump by its size, with its uncertainty where the table has one.
 
     Parameters
     ----------
     rows
         With the labels 0, 1, .. of the rows of the whole table.
     form
-        Of a number that is written in another way than in tables.
+        Format of a number that is not written as in tables.
     unsure
-        The column of its uncertainty, if it is not the one that its name says.
+        The column of its uncertainty, if it is not `uncertainty_of` the column.
     """
     found, unsure = rows.at[label, column], unsure or uncertainty_of(column)
     if "error" in column or "jump" in column:
         found = abs(found)
     if form:
         text = short(found, form)
-    elif unsure != column and unsure in rows and pd.notna(rows.at[label, unsure]):
+    elif unsure in rows and pd.notna(rows.at[label, unsure]):
         text = str(Uncertain(float(found), float(rows.at[label, unsure])))
     else:
         text = cell(column, found)
     return Number(text, table, column, VALUE, (label + 1,))
 
 
+def scaled_value(table: str, rows: pd.DataFrame, label: int, column: str, factor: float = 1e3) -> Number:
+    """Return a cell in another unit, to two digits: by default a time in ms, a length in mm."""
+    return Number(short(factor * rows.at[label, column]), table, column, VALUE, (label + 1,), factor=factor)
+
+
 def interval(table: str, rows: pd.DataFrame, label: int, column: str, unsure: str = "") -> Number:
-    """The cell of a row with its sign and its uncertainty: ``-0.035 ± 0.063``; arguments as of `value`."""
+    """Return the cell of a row with its sign and its uncertainty: ``-0.035 ± 0.063``; arguments as of `value`."""
     number = Uncertain(float(rows.at[label, column]), float(rows.at[label, unsure or uncertainty_of(column)]))
     return Number(number.both(), table, column, VALUE, (label + 1,))
 
 
 def short(number: float, form: str = ".2g") -> str:
     """``980`` where the form alone would say ``9.8e+02``."""
-    return f"{float(format(number, form)):g}" if form.endswith("g") and abs(number) < 1e6 else format(number, form)
+    text = format(number, form)
+    return f"{float(text):g}" if form.endswith("g") and abs(number) < 1e6 else text
 
 
 def count(table: str, rows: pd.DataFrame, **where: object) -> Number:
-    """How many rows of the whole table have these values."""
+    """Return the number of rows of the whole table that have these values."""
     found = rows
     for column, wanted in where.items():
         found = found[found[column].isin(wanted if isinstance(wanted, frozenset) else {wanted})]
@@ -114,7 +132,8 @@ def count(table: str, rows: pd.DataFrame, **where: object) -> Number:
 
 
 def ratio(table: str, rows: pd.DataFrame, over: int, under: int, column: str, low: str, high: str) -> Number:
-    """The cell of one row by that of another, in brackets the interval from the ends of both intervals."""
+    """Return the cell of one row over that of another, in brackets the interval from the ends of both intervals."""
     first, second = rows.loc[over], rows.loc[under]
     ends = first[low] / second[high], first[high] / second[low]
-    return Number(f"{short(first[column] / second[column])} ({short(ends[0])} to {short(ends[1])})", table, column, RATIO, (over + 1, under + 1))
+    text = f"{short(first[column] / second[column])} ({short(ends[0])} to {short(ends[1])})"
+    return Number(text, table, column, RATIO, (over + 1, under + 1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -14,13 +14,12 @@ from stiction.comparisons.campaigns.participants import variants
 from stiction.comparisons.measures.accuracy import (EVENT_WINDOW, KINDS, TORQUE_ERROR, accuracy_table, errors, missed,
                                                     size_of)
 from stiction.comparisons.measures.scene_truth import truth_for
-from stiction.comparisons.methods import (at_equal_step, called, case_of, grouped_methods, groups, known_of, largest,
-                                          methods, one_per_variant, representatives, same_work, title_of)
-from stiction.comparisons.presentation.cells import is_missing, setting_of, uncertainty_of
-from stiction.comparisons.presentation.charts import LIMIT, Axis, Chart, Panel, Series
-from stiction.comparisons.presentation.presentation import Headline, Presentation
-from stiction.comparisons.presentation.table_view import Column, TableView, view
-from stiction.comparisons.presentation.traced_text import NAME, Number, TracedText, count, listed, short, traced, value
+from stiction.comparisons.methods import (Method, called, case_of, drawn_runs, grouped_methods, groups, known_of,
+                                          made_methods, methods, same_work, title_of, with_columns)
+from stiction.comparisons.presentation import (LIMIT, NAME, Axis, Chart, Column, Headline, Number, Panel, Presentation,
+                                               Series, TableView, TracedText, count, listed, scaled_value, sentence,
+                                               traced, value, view)
+from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import NO_TRUTH, Truth
@@ -29,12 +28,11 @@ from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, UNMADE, Record
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Trajectory
 
-POSITION = "position error [m]"
+POSITION, UNCERTAINTY = "position error [m]", "position uncertainty [m]"
 FOUND, MISSED, SPURIOUS = "events matched", "events missed", "events spurious"
 BY_KIND, EVENTS, SUPPLIERS = "missed, by kind", "events", "friction / events by"
-REFERENCE = "reference"
 PIECES = 120
-"""Parts of the time: of a difference that changes sign all the time the largest in each part is drawn."""
+"""Parts of the time: the largest in each is drawn of a difference that changes sign all the time."""
 FAR_BELOW = 10.0
 """Ratio of the smallest difference to the truth's uncertainty from which on the latter is not drawn."""
 ROW_HEIGHT = 1.8
@@ -43,6 +41,13 @@ MARGIN = 1.5
 """Factor between the largest value and the end of a logarithmic axis."""
 MILLIMETRES = 1e-6
 """Metres; lengths from here on are written in mm."""
+NOTES = ("Position error: the largest over all bodies and output times. Page one has that of the worst case.",
+         "joint: an ideal guide with a friction law. contact: the slider touches two surfaces with clearance.",
+         "mus = mu: the engine has no static coefficient of its own. Its truth has the same physics.",
+         "Methods may be compared within one fidelity and one physics. They are ranked where the same supply the "
+         "friction law and locate events.",
+         f"An event counts as found within {1e3 * EVENT_WINDOW:g} ms of a true one of its kind.",
+         "A run counts as failed if it broke off, ended early, or is off by more than the mechanism's size.")
 
 
 def compared_runs(scope: Scope) -> Comparison[tuple[Record, ...]]:
@@ -72,122 +77,71 @@ def plan(scope: Scope) -> Comparison[Tables]:
     return compared_runs(scope).then(tables)
 
 
-@dataclass(frozen=True)
-class Method:
-    """The runs of a method at equal step, those that were made.
-
-    Attributes
-    ----------
-    variant : str
-    rows : DataFrame
-        Of the table, a row per case.
-    worst : int or None
-        Label of the row with the largest position error; None if all runs failed.
-    failed : DataFrame
-        Rows of runs that failed, ended early, or are no approximation of the motion.
-    """
-
-    variant: str
-    rows: pd.DataFrame
-    worst: int | None
-    failed: pd.DataFrame
-
-    @property
-    def is_own(self) -> bool:
-        """Whether it is a method of the reference."""
-        return bool((self.rows["engine"] == REFERENCE).all())
-
-    @property
-    def is_ranked(self) -> bool:
-        """Whether every run succeeded, so that its worst case is that of all cases."""
-        return self.worst is not None and self.failed.empty
-
-
-def method_of(table: pd.DataFrame, variant: str) -> Method:
-    """A variant of the accuracy table."""
-    rows = at_equal_step(table, variant)
-    rows = rows[~rows["status"].isin(UNMADE)] if len(rows) else rows
-    if rows.empty:
-        return Method(variant, rows, None, rows)
-    errors_known = rows[POSITION].notna() if POSITION in rows else pd.Series(False, rows.index)
-    whole = (rows["status"] == "ok") & rows["reason"].map(is_missing) & errors_known
-    return Method(variant, rows, largest(rows[whole], POSITION), rows[~whole])
-
-
 def present(results: Results) -> Presentation:
     """The largest position error of each method over all cases, and the closest of those that do the same work."""
-    table = results.table("accuracy")
-    if table.empty:
-        return Presentation()
-    found = {variant: method_of(table, variant) for variant in methods(results)}
-    found = {variant: method for variant, method in found.items() if len(method.rows)}
+    table = with_columns(results.table("accuracy"), POSITION, UNCERTAINTY, FOUND, MISSED, SPURIOUS)
+    found = made_methods(table, methods(results), POSITION)
     if not found:
         return Presentation()
     where = " in all cases" if table["scene"].nunique() > 1 else ""
-    answer = listed([part for part in (_own(table, found, where), _others(table, found)) if part], " ", " ")
-    if not answer:
-        answer = TracedText(f"No method succeeded{where}.")
-    findings = [*_closest(results, table, found), *_failures(table, found)]
+    ranked = [method for method in found.values() if method.is_ranked]
+    sentences = [_own(table, [method for method in ranked if method.is_own], where),
+                 _engines(table, [method for method in ranked if not method.is_own])]
+    answer = listed(list(filter(None, sentences)), " ", " ") or TracedText(f"No method succeeded{where}.")
+    failed = [traced("{} ({} of {})", called(method.variant), _count(table, method.failed), _count(table, method.rows))
+              for method in found.values() if len(method.failed)]
+    findings = [*_closest(results, table, found),
+                sentence("Runs that failed or were declined, so that the method is not ranked: {}.", listed(failed))]
     headline = Headline("position [m]", {variant: _cell(table, method) for variant, method in found.items()})
     tables = (_by_method(results, table, found), *_by_scene(table))
-    figures = tuple(figure for figure in (_over_step(table, found), *_differences(results, table)) if figure.panels)
-    notes = ("Position error: the largest over all bodies and output times. Page one has that of the worst case.",
-             "joint: an ideal guide with a friction law. contact: the slider touches two surfaces with clearance.",
-             "mus = mu: the engine has no static coefficient of its own. Its truth has the same physics.",
-             "Methods may be compared within one fidelity and one physics. They are ranked where the same supply the "
-             "friction law and locate events.",
-             f"An event counts as found within {1e3 * EVENT_WINDOW:g} ms of a true one of its kind.",
-             "A run counts as failed if it broke off, ended early, or is off by more than the mechanism's size.")
-    return Presentation(answer, tuple(findings), (headline,), tables, figures, notes)
+    return Presentation(answer, tuple(filter(None, findings)), (headline,), tables,
+                        (_over_step(table, found), *_differences(results, table)), NOTES)
 
 
 def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:
     """A length with its unit: ``0.24 mm``, ``1.3e-11 m``."""
-    size = abs(float(table.at[row, column]))
-    if size < MILLIMETRES:
+    if abs(table.at[row, column]) < MILLIMETRES:
         return traced("{} m", value(name, table, row, column))
-    return traced("{} mm", Number(short(1e3 * size), name, column, rows=(row + 1,), factor=1e3))
+    return traced("{} mm", scaled_value(name, table, row, column))
 
 
-def _own(table: pd.DataFrame, found: Mapping[str, Method], where: str) -> TracedText:
+def _reached(table: pd.DataFrame, method: Method) -> TracedText:
+    return length("accuracy", table, method.worst, POSITION)
+
+
+def _own(table: pd.DataFrame, own: Sequence[Method], where: str) -> TracedText:
     """The methods of the reference, each in its worst case."""
-    own = [method for method in found.values() if method.is_own and method.is_ranked]
-    if not own:
-        return TracedText("")
-    reached = [length("accuracy", table, method.worst, POSITION) for method in own]
-    first = traced("{} is within {} of the truth{}", called(own[0].variant), reached[0], where)
-    others = [traced("{} {}", called(method.variant), size) for method, size in zip(own[1:], reached[1:])]
-    sentence = traced("{}.", listed([first, *others], ", ", ", "))
-    return replace(sentence, text=sentence.text[:1].upper() + sentence.text[1:])
+    parts = [traced("{} {}", called(method.variant), _reached(table, method)) for method in own]
+    if own:
+        parts[0] = traced("{} is within {} of the truth{}", called(own[0].variant), _reached(table, own[0]), where)
+    said = sentence("{}.", listed(parts, ", ", ", "))
+    return replace(said, text=said.text[:1].upper() + said.text[1:])
 
 
-def _others(table: pd.DataFrame, found: Mapping[str, Method]) -> TracedText:
+def _engines(table: pd.DataFrame, engines: Sequence[Method]) -> TracedText:
     """The smallest and the largest error of engines in their worst case, by fidelity; no ranking."""
     parts = []
     for fidelity in FIDELITIES:
-        rows = [method.worst for method in found.values()
-                if method.is_ranked and not method.is_own and table.at[method.worst, "fidelity"] == fidelity]
-        if rows:
-            ends = sorted(rows, key=lambda row: table.at[row, POSITION])
-            low, high = (length("accuracy", table, row, POSITION) for row in (ends[0], ends[-1]))
+        there = sorted((method for method in engines if method.fidelity == fidelity),
+                       key=lambda method: table.at[method.worst, POSITION])
+        if there:
+            low, high = _reached(table, there[0]), _reached(table, there[-1])
             if low.text.split()[1:] == high.text.split()[1:]:
                 low = replace(low, text=low.text.split()[0])  # one unit for both
-            span = high if len(rows) == 1 else traced("{} to {}", low, high)
-            parts.append(traced("{} with " + f"{fidelity}s", span))
-    return traced("Engines: {}.", listed(parts, ", ", ", ")) if parts else TracedText("")
+            parts.append(traced("{} with {}s", high if len(there) == 1 else traced("{} to {}", low, high), fidelity))
+    return sentence("Engines: {}.", listed(parts, ", ", ", "))
 
 
 def _closest(results: Results, table: pd.DataFrame, found: Mapping[str, Method]) -> Iterator[TracedText]:
     """The closest engine of each group of equal work, in its worst case, and those that cannot be ranked against it."""
     for name, variants_there in grouped_methods(results, same_work):
-        there = [found[variant] for variant in variants_there if variant in found]
-        others = [method for method in there if method.is_ranked and not method.is_own]
+        others = [method for variant in variants_there if (method := found.get(variant))
+                  and method.is_ranked and not method.is_own]
         others.sort(key=lambda method: table.at[method.worst, POSITION])
         if not others:
             continue
         best = [method for method in others if not differ(table, others[0].worst, method.worst)]
-        row = best[0].worst
-        reached = length("accuracy", table, row, POSITION)
+        row, reached = best[0].worst, _reached(table, best[0])
         if table["scene"].nunique() > 1:
             case = Number(case_of(table.at[row, "scene"]), "accuracy", "scene", NAME, (row + 1,))
             reached = traced("{} in {}", reached, case)
@@ -202,27 +156,18 @@ def _closest(results: Results, table: pd.DataFrame, found: Mapping[str, Method])
 
 
 def differ(table: pd.DataFrame, one: int, other: int) -> bool:
-    """Whether the position errors of two rows differ by more than both their uncertainties."""
-    uncertainty = uncertainty_of(POSITION)
-    unsure = table.at[one, uncertainty] + table.at[other, uncertainty] if uncertainty in table else 0.0
+    """Test if the position errors of two rows differ by more than both their uncertainties."""
+    unsure = table.loc[[one, other], UNCERTAINTY].sum()
     return bool(abs(table.at[one, POSITION] - table.at[other, POSITION]) > unsure)
 
 
-def _failures(table: pd.DataFrame, found: Mapping[str, Method]) -> Iterator[TracedText]:
-    lost = [traced("{} ({} of {})", called(method.variant), _count(table, method.failed), _count(table, method.rows))
-            for method in found.values() if len(method.failed)]
-    if lost:
-        yield traced("Runs that failed or were declined, so that the method is not ranked: {}.", listed(lost))
-
-
 def _count(table: pd.DataFrame, rows: pd.DataFrame) -> Number:
-    """How many rows these are."""
     return count("accuracy", table, key=frozenset(rows["key"]))
 
 
 def _cell(table: pd.DataFrame, method: Method) -> TracedText:
     """The worst error of a method, and how many of its runs failed."""
-    parts = [] if method.worst is None else [traced("{}", value("accuracy", table, method.worst, POSITION))]
+    parts = [] if method.worst is None else [value("accuracy", table, method.worst, POSITION)]
     if len(method.failed):
         word = "declined" if (method.failed["status"] == "refused").all() else "failed"
         parts.append(traced("{} of {} {}", _count(table, method.failed), _count(table, method.rows), word))
@@ -231,33 +176,29 @@ def _cell(table: pd.DataFrame, method: Method) -> TracedText:
 
 def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method]) -> TableView:
     """A row per method, a column per case; events of all cases together."""
-    scenes = list(dict.fromkeys(table["scene"]))
     friction, events = (known_of(table, column) for column in (FRICTION_BY, EVENTS_BY))
-    rows, behind = [], []
+    rows = []
     for group, names in grouped_methods(results):
         for method in (found[name] for name in names if name in found):
-            there = method.rows
-            suppliers = f"{friction[method.variant]} / {events[method.variant]}"
-            row: dict[str, object] = {"group": group, "method": method.variant, SUPPLIERS: suppliers,
-                                      "run": setting_of(there["parameter"].iloc[0], there["step"].iloc[0])}
-            for label, run in there.drop(index=method.failed.index).iterrows():
-                row[_of(POSITION, run["scene"])] = run[POSITION]
-                row[_of(uncertainty_of(POSITION), run["scene"])] = run.get(uncertainty_of(POSITION))
-            if {FOUND, MISSED, SPURIOUS} <= set(there) and there[FOUND].notna().any():
-                row[EVENTS] = "/".join(f"{there[column].sum():.0f}" for column in (FOUND, MISSED, SPURIOUS))
-                row[BY_KIND] = missed_by_kind(there)
+            runs = method.rows
+            row: dict[str, object] = {"group": group, "method": method.variant,
+                                      SUPPLIERS: f"{friction[method.variant]} / {events[method.variant]}",
+                                      "run": setting_of(runs["parameter"].iloc[0], runs["step"].iloc[0])}
+            for run in runs.drop(index=method.failed.index).to_dict("records"):
+                row |= {_of(column, run["scene"]): run[column] for column in (POSITION, UNCERTAINTY)}
+            if runs[FOUND].notna().any():
+                row[EVENTS] = "/".join(f"{runs[column].sum():.0f}" for column in (FOUND, MISSED, SPURIOUS))
+                row[BY_KIND] = missed_by_kind(runs)
             row["failed"] = "; ".join(f"{case_of(run['scene'])}: {run['reason'] or run['status']}"
-                                      for _, run in method.failed.iterrows())
-            rows.append(row)
-            behind.append(there.index + 1)
-    cases = [Column(_of(POSITION, scene), case_of(scene), "m", _of(uncertainty_of(POSITION), scene))
-             for scene in scenes]
+                                      for run in method.failed.to_dict("records"))
+            rows.append((row, runs))
+    cases = [Column(_of(POSITION, scene), case_of(scene), "m", _of(UNCERTAINTY, scene))
+             for scene in dict.fromkeys(table["scene"])]
     columns = (Column("method"), Column(SUPPLIERS), Column("run", brief=False), *cases, Column(EVENTS),
                Column(BY_KIND, brief=False), Column("failed"))
     return view("accuracy", "Largest position error of each method at the step nearest to 1 ms or the tightest "
                 "tolerance. Friction / events by: who supplies the friction law, and who locates events. "
-                "Events: found/missed/spurious, of all cases.",
-                pd.DataFrame(rows), columns, source="accuracy", rows=behind, group="group")
+                "Events: found/missed/spurious, of all cases.", rows, columns, source="accuracy", group="group")
 
 
 def _of(column: str, scene: str) -> str:
@@ -273,22 +214,16 @@ def missed_by_kind(rows: pd.DataFrame) -> str:
 
 def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
     """All runs of a scene."""
-    shown = table.copy()
-    if FOUND in table:
-        shown[BY_KIND] = [missed_by_kind(table.loc[[label]]) if pd.notna(found) else ""
-                          for label, found in table[FOUND].items()]
+    missed_of = [missed_by_kind(table.loc[[label]]) if pd.notna(found) else "" for label, found in table[FOUND].items()]
+    shown = table.assign(**{BY_KIND: missed_of})
     columns = (Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
-               Column("status"), Column(POSITION, "position", "m", uncertainty_of(POSITION)),
-               Column("velocity error [m/s]", "velocity", "m/s", "velocity uncertainty [m/s]"),
-               Column(TORQUE_ERROR, "torque, mean", "N m", uncertainty_of(TORQUE_ERROR)),
-               Column("event time error [s]", "event time", "s", "event time uncertainty [s]"),
+               Column("status"), Column(POSITION, "position"), Column("velocity error [m/s]", "velocity"),
+               Column(TORQUE_ERROR, "torque, mean"), Column("event time error [s]", "event time"),
                Column(FOUND, "found", form=".0f"), Column(BY_KIND), Column(SPURIOUS, "spurious", form=".0f"),
                Column("reason"))
-    made = shown[~shown["status"].isin(UNMADE)]
-    for scene, rows in made.groupby("scene", sort=False):
-        yield view(f"accuracy-{scene}",
-                   f"{title_of(scene)}: largest errors of every run, and events found, missed and spurious.",
-                   rows, columns, source="accuracy", in_report=False)
+    for scene, rows in shown[~shown["status"].isin(UNMADE)].groupby("scene", sort=False):
+        caption = f"{title_of(scene)}: largest errors of every run, and events found, missed and spurious."
+        yield view(f"accuracy-{scene}", caption, rows, columns, source="accuracy", in_report=False)
 
 
 def row_by_row(panels: Sequence[Panel], columns: int) -> list[Panel]:
@@ -337,8 +272,7 @@ def _over_step(table: pd.DataFrame, chosen: Mapping[str, Method]) -> Chart:
 def _differences(results: Results, table: pd.DataFrame) -> Iterator[Chart]:
     """The difference from the truth over time: of positions, and of the driving torque."""
     scenes = list(dict.fromkeys(record.scene for record in results.records))
-    chosen = [each for scene in scenes
-              for each in representatives(one_per_variant(one for one in results.records if one.scene == scene))]
+    chosen = drawn_runs(results)
     truths = {key: results.truths.get(name) for key, name in zip(table["key"], table["truth"])}
     for quantity, endings, unit in (("position", (".x", ".y"), "m"), ("torque", (".effort",), "N m")):
         panels = []
@@ -349,12 +283,11 @@ def _differences(results: Results, table: pd.DataFrame) -> Iterator[Chart]:
                 series = list(_difference_series(there, truths, endings))
                 axis = Axis(f"{quantity} difference [{unit}]", log=True)
                 panels.append(Panel(f"{title_of(scene)}; {name}", Axis("time [s]"), axis, series))
-        if any(panel.series for panel in panels):
-            caption = (f"Difference of each method's {quantity} from the truth over time, at the step nearest to "
-                       f"1 ms or the tightest tolerance; the largest in each of {PIECES} parts of the time. "
-                       "A method that does not locate an event differs there by the jump.")
-            yield Chart(f"difference-{quantity}", caption,
-                        row_by_row(panels, len(scenes)), len(scenes), ROW_HEIGHT, share_x=True)
+        caption = (f"Difference of each method's {quantity} from the truth over time, at the step nearest to 1 ms or "
+                   f"the tightest tolerance; the largest in each of {PIECES} parts of the time. A method that does not "
+                   "locate an event differs there by the jump.")
+        yield Chart(f"difference-{quantity}", caption, row_by_row(panels, len(scenes)), len(scenes), ROW_HEIGHT,
+                    share_x=True)
 
 
 def _difference_series(records: Sequence[Record], truths: Mapping[str, Truth | None],

@@ -1,25 +1,25 @@
 """Observed orders of convergence with their intervals, only where the errors are in the asymptotic range.
 
-On a stretch without events every method shows the order of its integrator; across a break-away the paper's scheme, which notices it up to a step late, is of
-first order. The event-driven reference has a tolerance instead of a step: its steps are its time over their number.
+On a stretch without events every method has the order of its integrator. Across a break-away, which it notices up to a
+step late, the paper's scheme is of first order. The event-driven reference has a tolerance instead of a step: its steps
+are its time over their number.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
-from scipy.stats import t as student
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.accuracy import errors
+from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.measures.scene_truth import ground_truth
-from stiction.comparisons.presentation.charts import LIMIT, Axis, Chart, Panel, Series
-from stiction.comparisons.presentation.presentation import Presentation
-from stiction.comparisons.presentation.table_view import Column, view
-from stiction.comparisons.presentation.traced_text import TracedText, interval, listed, traced, value
+from stiction.comparisons.presentation import (LIMIT, Axis, Chart, Column, Panel, Presentation, Series, TracedText,
+                                               interval, listed, traced, value, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import FLOOR
@@ -28,57 +28,13 @@ from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, vary
 
-RUNGS = 4
-"""Least number of rungs that an order is fitted to: two for the line, two for what it is unsure of."""
+FEWEST = 4
+"""Least number of runs that an order is fitted to: two for the line, two for its uncertainty."""
 ALIKE = 0.25
-"""Part of the order by which the slopes between neighbouring rungs of the asymptotic range may differ: the next term of the error is then at most
-a quarter of the leading one in the coarsest of two rungs a factor of two apart."""
-CONFIDENCE = 0.95
+"""Part of the order by which the slopes between neighbouring runs of the asymptotic range may differ.
 
-
-@dataclass(frozen=True)
-class Order:
-    """An observed order, half its interval of `CONFIDENCE`, and the number of rungs it is from; without an order, `reason` says why."""
-
-    order: float
-    uncertainty: float
-    rungs: int
-    reason: str = ""
-
-
-def observed_order(step: Sequence[float], error: Sequence[float], uncertainty: Sequence[float]) -> Order:
-    """The order of a ladder: least squares in logarithms over the longest part of it in which neighbouring slopes are alike.
-
-    Parameters
-    ----------
-    step, error : sequences of float
-        From coarse to fine.
-    uncertainty : sequence of float
-        Of the truth, in the unit of the error; rungs with an error below `FLOOR` times it are left out.
-    """
-    h, e, u = (np.asarray(values, dtype=float) for values in (step, error, uncertainty))
-    good = np.isfinite(e) & (e > FLOOR * u) & (e > 0)
-    if good.sum() < RUNGS:
-        return Order(np.nan, np.nan, int(good.sum()), f"{int(good.sum())} rungs above the uncertainty of the truth; {RUNGS} are needed")
-    x, y = np.log(h[good]), np.log(e[good])
-    slopes = np.diff(y) / np.diff(x)
-    best = (0, 0)
-    for first in range(len(slopes)):
-        for last in range(first + 1, len(slopes) + 1):
-            part = slopes[first:last]
-            if np.ptp(part) <= ALIKE * abs(part.mean()) and part.mean() > 0 and last - first >= best[1] - best[0]:  # the finer of two as long
-                best = first, last
-    rungs = best[1] - best[0] + 1
-    if rungs < RUNGS:
-        return Order(np.nan, np.nan, rungs, "slopes between neighbouring rungs differ: not in the asymptotic range "
-                     f"({', '.join(f'{slope:.2g}' for slope in slopes)})")
-    x, y = x[best[0]:best[1] + 1], y[best[0]:best[1] + 1]
-    x = x - x.mean()
-    order = float(x @ y / (x @ x))
-    spread = np.sqrt(np.sum((y - y.mean() - order * x) ** 2) / (rungs - 2) / (x @ x))
-    return Order(order, float(student.ppf((1 + CONFIDENCE) / 2, rungs - 2) * spread), rungs)
-
-
+The next term of the error is then at most a quarter of the leading one at the coarser of two steps in ratio 2.
+"""
 SMOOTH = 80.0
 """s; of a stretch without events: the slider-bar without friction."""
 STEPS = (0.08, 0.04, 0.02, 0.01, 0.005)
@@ -87,51 +43,94 @@ AFTER = 1.2
 """s; ends before the first change of corners."""
 HALVES = (10, 20, 40, 80, 160)
 """Whole steps before the break-away, which comes half a step later: it is then noticed half a step late."""
-
-
+ERROR, UNSURE = "position error [m]", "position uncertainty [m]"
+STEP, ORDER, OBSERVED = "mean step [s]", "order of the method [-]", "observed order [-]"
+HALF = "interval of the order [-]"
+COLUMNS = ("scene", "method", STEP, ERROR, UNSURE, ORDER, OBSERVED, HALF, "runs", "why none", "status", "reason")
 METHODS = {"event-driven, no events": 8, "paper's scheme, no events": 4, "paper's scheme, across a break-away": 1}
-"""Ladders of the reference, each with the order of its method."""
+"""Refinement series of the reference, each with the order of its method."""
+LOOKS = dict(zip(METHODS, ("reference", "paper's scheme", "trial and error")))
+"""Variants whose looks the series have."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """An observed order, half its interval, and the number of runs it is from; without an order, the reason."""
+
+    order: float
+    uncertainty: float
+    runs: int
+    reason: str = ""
+
+
+def observed_order(step: Sequence[float], error: Sequence[float], uncertainty: Sequence[float]) -> Order:
+    """Fit the order over the longest part of a refinement series in which neighbouring slopes are alike.
+
+    Parameters
+    ----------
+    step, error : sequences of float
+        From coarse to fine.
+    uncertainty : sequence of float
+        Of the truth, in the unit of the error; runs with an error below `FLOOR` times it are left out.
+    """
+    h, e, u = (np.asarray(values, dtype=float) for values in (step, error, uncertainty))
+    good = np.isfinite(e) & (e > FLOOR * u) & (e > 0)
+    h, e = h[good], e[good]
+    if len(h) < FEWEST:
+        return Order(np.nan, np.nan, len(h), f"{len(h)} runs above the uncertainty of the truth; {FEWEST} are needed")
+    slopes = np.diff(np.log(e)) / np.diff(np.log(h))
+    parts = [(first, last) for first, last in combinations(range(len(slopes) + 1), 2)
+             if np.ptp(slopes[first:last]) <= ALIKE * abs(slopes[first:last].mean()) and slopes[first:last].mean() > 0]
+    first, last = max(parts, key=lambda part: (part[1] - part[0], part), default=(0, 0))  # the finer of two as long
+    runs = last - first + 1
+    if runs < FEWEST:
+        return Order(np.nan, np.nan, runs, "slopes between neighbouring runs differ: not in the asymptotic range "
+                     f"({', '.join(f'{slope:.2g}' for slope in slopes)})")
+    fit = fitted_exponent([(h[first:last + 1], e[first:last + 1])])
+    return Order(fit.value, fit.uncertainty, runs)
 
 
 def order_rows(scene: Scene, method: str) -> list[dict[str, object]]:
-    """One row per rung of one of the ladders of `METHODS` on a scene: error over step; the fitted order in every row."""
-    truth, runs = _across_a_break_away(scene) if method.endswith("break-away") else _without_events(scene, method.startswith("event-driven"))
+    """One row per run of a method on a scene: error over step; the fitted order in every row."""
+    truth, runs = (_across_a_break_away(scene) if method.endswith("break-away")
+                   else _without_events(scene, method.startswith("event-driven")))
     found = [(step, errors(run, truth)) for step, run in runs]
-    fit = observed_order([step for step, _ in found], [row["position error [m]"] for _, row in found],
-                         [row["position uncertainty [m]"] for _, row in found])
-    return [{"method": method, "mean step [s]": step, "position error [m]": row["position error [m]"],
-             "position uncertainty [m]": row["position uncertainty [m]"], "order of the method [-]": METHODS[method], "observed order [-]": fit.order,
-             "interval of the order [-]": fit.uncertainty, "rungs": fit.rungs, "why none": fit.reason} for step, row in found]
+    fit = observed_order([step for step, _ in found], *([row[name] for _, row in found] for name in (ERROR, UNSURE)))
+    return [{"method": method, STEP: step, ERROR: row[ERROR], UNSURE: row[UNSURE], ORDER: METHODS[method],
+             OBSERVED: fit.order, HALF: fit.uncertainty, "runs": fit.runs, "why none": fit.reason}
+            for step, row in found]
 
 
 def _without_events(scene: Scene, event_driven: bool) -> tuple[Truth, list[tuple[float, Trajectory]]]:
     engine, smooth = ReferenceEngine(), vary(scene, {"guide.mu": 0.0, "guide.mus": None})
     if event_driven:
-        runs = [engine.simulate(smooth, t_end=SMOOTH, rtol=rtol, output_step=SMOOTH / 80, stabilization="projection") for rtol in TOLERANCES]
-        ladder = [(SMOOTH / run.cost.counters["steps"], run) for run in runs]
+        made = [engine.simulate(smooth, t_end=SMOOTH, rtol=rtol, output_step=SMOOTH / 80, stabilization="projection")
+                for rtol in TOLERANCES]
+        runs = [(SMOOTH / run.cost.counters["steps"], run) for run in made]
     else:
-        ladder = [(dt, engine.simulate(smooth, t_end=SMOOTH, dt=dt, output_step=SMOOTH / 80, stabilization="none")) for dt in STEPS]
-    return ground_truth(smooth, SMOOTH), ladder
+        runs = [(dt, engine.simulate(smooth, t_end=SMOOTH, dt=dt, output_step=SMOOTH / 80, stabilization="none"))
+                for dt in STEPS]
+    return ground_truth(smooth, SMOOTH), runs
 
 
 def _across_a_break_away(scene: Scene) -> tuple[Truth, list[tuple[float, Trajectory]]]:
     engine, instant = ReferenceEngine(), slider_bar_truth(scene, 1.0).events[0].time
     steps = [instant / (n + 0.5) for n in HALVES]
-    return ground_truth(scene, AFTER + steps[0]), [
-        (dt, engine.simulate(scene, t_end=dt * round(AFTER / dt), dt=dt, output_step=dt, stabilization="none")) for dt in steps]
+    runs = [(dt, engine.simulate(scene, t_end=dt * round(AFTER / dt), dt=dt, output_step=dt, stabilization="none"))
+            for dt in steps]
+    return ground_truth(scene, AFTER + steps[0]), runs
 
 
 def orders_comparison(scene: Scene) -> Comparison[pd.DataFrame]:
-    """The rows of all ladders of `METHODS`; a ladder that did not come out is a row with its reason."""
+    """The rows of all `METHODS`; a method that failed is a row with its reason."""
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         return pd.DataFrame([{"scene": scene.name, **row, "status": outcome.status, "reason": outcome.reason}
                              for (method, order), outcome in zip(METHODS.items(), outcomes, strict=True)
-                             for row in outcome.value or [{
-                                 "method": method, "mean step [s]": np.nan, "position error [m]": np.nan, "position uncertainty [m]": np.nan,
-                                 "order of the method [-]": order, "observed order [-]": np.nan, "interval of the order [-]": np.nan, "rungs": 0,
-                                 "why none": outcome.status}]])
+                             for row in outcome.value or [{"method": method, ORDER: order, "runs": 0,
+                                                           "why none": outcome.status}]], columns=COLUMNS)
 
-    return Comparison(tuple(Task(f"orders/{scene.name}/{method}", order_rows, (scene, method)) for method in METHODS), tabulate)
+    return Comparison(tuple(Task(f"orders/{scene.name}/{method}", order_rows, (scene, method)) for method in METHODS),
+                      tabulate)
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
@@ -140,41 +139,39 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
 
 def present(results: Results) -> Presentation:
-    """The observed order of each method beside the one that its theory promises."""
+    """The observed order of each method, and the one that its theory promises."""
     table = results.table("orders")
-    known = table[table["position error [m]"].notna()] if len(table) else table
+    known = table[table[ERROR].notna()] if len(table) else table
     if known.empty:
         return Presentation()
-    first = known.drop_duplicates("method")
-    parts = [_order(table, label) for label in first.index]
-    answer = traced("Observed orders (promised): {}.", listed(parts))
-    columns = (Column("method"), Column("order of the method [-]", "order promised"),
-               Column("observed order [-]", "order observed (95 %)", uncertainty="interval of the order [-]", interval=True), Column("rungs", "runs"), Column("why none"))
-    rows = [np.flatnonzero(table["method"] == method) + 1 for method in first["method"]]
-    shown = view("orders", "Observed orders of the reference, fitted where neighbouring slopes agree.", first, columns, rows=rows)
+    parts = [(rows.iloc[0], rows) for _, rows in known.groupby("method", sort=False)]
+    answer = traced("Observed orders (promised): {}.", listed([_order(table, int(rows.index[0])) for _, rows in parts]))
+    columns = (Column("method"), Column(ORDER, "order promised"),
+               Column(OBSERVED, "order observed (95 %)", uncertainty=HALF, interval=True), Column("runs"),
+               Column("why none"))
+    shown = view("orders", "Observed orders of the reference, fitted where neighbouring slopes agree.", parts, columns)
     return Presentation(answer, (), (), (shown,), (_figure(known),))
 
 
 def _order(table: pd.DataFrame, label: int) -> TracedText:
     row = table.loc[label]
-    if np.isnan(row["observed order [-]"]):
+    if np.isnan(row[OBSERVED]):
         return TracedText(f"{row['method']} none ({row['why none']})")
-    promised = value("orders", table, label, "order of the method [-]", "g")
-    return traced("{} {} ({})", row["method"], interval("orders", table, label, "observed order [-]", "interval of the order [-]"), promised)
+    return traced("{} {} ({})", row["method"], interval("orders", table, label, OBSERVED, HALF),
+                  value("orders", table, label, ORDER, "g"))
 
 
 def _figure(known: pd.DataFrame) -> Chart:
     series = []
-    for method, ladder in known.groupby("method", sort=False):
-        step, error = ladder["mean step [s]"].to_numpy(), ladder["position error [m]"].to_numpy()
-        promised = float(ladder["order of the method [-]"].iloc[0])
+    for method, runs in known.groupby("method", sort=False):
+        step, error = runs[STEP].to_numpy(), runs[ERROR].to_numpy()
+        promised = error[-1] * (step / step[-1]) ** float(runs[ORDER].iloc[0])
         series += [Series(method, step, error, look=LOOKS.get(method, ""), line=False, points=True),
-                   Series("", step, error[-1] * (step / step[-1]) ** promised, look=LIMIT)]
-    panel = Panel("", Axis("mean step [s]", log=True), Axis("position error [m]", log=True), series)
-    return Chart("orders", "Position error of the reference over its step. Dotted, through the finest run: the order that each method promises.", (panel,), columns=1, height=3.0)
+                   Series("", step, promised, look=LIMIT)]
+    panel = Panel("", Axis(STEP, log=True), Axis(ERROR, log=True), series)
+    return Chart("orders", "Position error of the reference over its step. Dotted, through the finest run: the order "
+                 "that each method promises.", (panel,), columns=1, height=3.0)
 
 
-LOOKS = {"event-driven, no events": "reference", "paper's scheme, no events": "paper's scheme", "paper's scheme, across a break-away": "trial and error"}
-"""Variants whose looks the series have."""
-
-STUDY = Study("orders", "Convergence", "Does the reference converge as its methods promise?", 10, present, plan, seconds=0.7, on_page_one=False, compared=False)
+STUDY = Study("orders", "Convergence", "Does the reference converge as its methods promise?", 10, present, plan,
+              seconds=0.7, on_page_one=False, compared=False)

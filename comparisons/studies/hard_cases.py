@@ -1,35 +1,32 @@
-"""Hard cases: where methods break down, case by case and counted; `comparisons.hard` has the cases and their judges."""
+"""Hard cases: verdicts on every method, case by case and counted; `comparisons.hard` has the cases and their judges."""
 
 from __future__ import annotations
 
-
-import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.hard import hard_comparison
-from stiction.comparisons.hard.examination import (DECLINED, DECLINED_BY_ADAPTER, DEGRADED, FAILED, IMPULSIVE, INEXPRESSIBLE, NOT_INSTALLED, NOT_RUN, RIGHT,
-                                                   UNREAD, WRONG)
+from stiction.comparisons.hard.examination import (DECLINED, DECLINED_BY_ADAPTER, DEGRADED, FAILED, IMPULSIVE,
+                                                   INEXPRESSIBLE, NOT_INSTALLED, NOT_RUN, RIGHT, UNREAD, WRONG)
 from stiction.comparisons.methods import called
-from stiction.comparisons.presentation.charts import HeatMap
-from stiction.comparisons.presentation.presentation import Headline, Presentation
-from stiction.comparisons.presentation.table_view import Column, view
-from stiction.comparisons.presentation.traced_text import TracedText, count, listed, traced
+from stiction.comparisons.presentation import (Column, Headline, HeatMap, Number, Presentation, TableView, TracedText,
+                                               count, listed, sentence, traced, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.engines.registry import OWN_METHODS
 
 HOSTILE = "hostile scenes"
 """Topic of the cases that are about the reader of scene files, not about a method."""
-NOT_ATTEMPTED = frozenset({DECLINED, DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE, UNREAD})
-"""Verdicts on cases of which a method claims no motion: by its own word or our adapter's, or because it goes on by impulses."""
-LOST = frozenset({WRONG, FAILED})
-COUNTED = {"right": frozenset({RIGHT}), "declined": NOT_ATTEMPTED, "degraded": frozenset({DEGRADED}), "wrong": LOST}
-"""Headings of the counts, and the verdicts that each counts."""
-SIGNS = {RIGHT: ("+", "#009E73"), DEGRADED: ("~", "#E69F00"), DECLINED: ("o", "#56B4E9"), DECLINED_BY_ADAPTER: ("a", "#9CCBEA"),
-         INEXPRESSIBLE: (".", "#DDDDDD"), UNREAD: ("-", "#DDDDDD"), IMPULSIVE: ("i", "#CC79A7"), WRONG: ("x", "#D55E00"), FAILED: ("!", "#8B0000")}
-SHORT = 80
-"""Characters of a reason in a table."""
+COUNTED = {"right": frozenset({RIGHT}),
+           "declined": frozenset({DECLINED, DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE, UNREAD}),
+           "degraded": frozenset({DEGRADED}), "wrong": frozenset({WRONG, FAILED})}
+"""Headings of the counts, and the verdicts that each counts; declined are those on which no motion is claimed."""
+SIGNS = {RIGHT: ("+", "#009E73"), DEGRADED: ("~", "#E69F00"), DECLINED: ("o", "#56B4E9"),
+         DECLINED_BY_ADAPTER: ("a", "#9CCBEA"), INEXPRESSIBLE: (".", "#DDDDDD"), UNREAD: ("-", "#DDDDDD"),
+         IMPULSIVE: ("i", "#CC79A7"), WRONG: ("x", "#D55E00"), FAILED: ("!", "#8B0000")}
+NOTES = ("Declined: by the method's own word or our adapter's, not expressible with the engine, or continued by "
+         "impulses where no motion with finite forces exists.",
+         "Degraded: less accurate than the method should be. Errors are relative to the size of what is measured.")
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
@@ -39,89 +36,82 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
 
 def present(results: Results) -> Presentation:
-    """Counts of right, declined, degraded and wrong answers of every installed method over the same mechanical cases."""
+    """Counts of right, declined, degraded and wrong answers of every installed method on the same mechanical cases."""
     table = results.table("hard")
     tried = table[~table["verdict"].isin([NOT_INSTALLED, NOT_RUN])] if len(table) else table
-    mechanical, hostile = (tried[(tried["topic"] == HOSTILE) == whether] if len(tried) else tried for whether in (False, True))
+    mechanical = tried[tried["topic"] != HOSTILE] if len(tried) else tried
     if mechanical.empty:
         return Presentation()
-    variants = list(dict.fromkeys(mechanical["variant"]))
-    topics = frozenset(mechanical["topic"])
-    counts = {variant: tuple(count("hard", table, variant=variant, topic=topics, verdict=verdicts) for verdicts in COUNTED.values()) for variant in variants}
-    cells = {variant: traced("/".join("{}" for _ in COUNTED), *numbers) for variant, numbers in counts.items()}
-    first = variants[0]
-    answer = traced("Right/declined/degraded/wrong of {} mechanical cases: {} {}{}.", count("hard", table, variant=first, topic=topics), called(first), cells[first],
-                    _engines(mechanical, cells))
-    lost = mechanical[mechanical["verdict"].isin([DEGRADED, *LOST])]
-    shown = (_counts(table, counts), _topics(mechanical, variants), _reasons(lost), _cases(table))
-    notes = ("Declined: by the method's own word or our adapter's, not expressible with the engine, or continued by impulses where no motion with finite forces exists.",
-             "Degraded: less accurate than the method should be. Errors are relative to the size of what is measured.",
-             *(_hostile(hostile),))
-    return Presentation(answer, (), (Headline("hard cases: right/declined/ degraded/wrong", cells),), shown, (_heat_map(mechanical, variants),), tuple(filter(None, notes)))
+    topics, counts = frozenset(mechanical["topic"]), {}
+    for variant in dict.fromkeys(mechanical["variant"]):
+        about = {"variant": variant, "topic": topics}
+        counts[variant] = {name: count("hard", table, **about, verdict=verdicts) for name, verdicts in COUNTED.items()}
+    first, *_ = counts
+    cells = {variant: listed(list(numbers.values()), "/", "/") for variant, numbers in counts.items()}
+    answer = traced("Right/declined/degraded/wrong of {} mechanical cases: {}.",
+                    count("hard", table, variant=first, topic=topics),
+                    listed([traced("{} {}", called(first), cells[first]), *_engines(mechanical, cells)], "; ", "; "))
+    note = _hostile(tried[tried["topic"] == HOSTILE])
+    return Presentation(answer, (), (Headline("hard cases: right/declined/ degraded/wrong", cells),),
+                        _tables(table, mechanical, counts), (_heat_map(mechanical, list(counts)),),
+                        (*NOTES, note) if note else NOTES)
 
 
-def _engines(mechanical: pd.DataFrame, cells: dict[str, TracedText]) -> TracedText:
+def _engines(mechanical: pd.DataFrame, cells: dict[str, TracedText]) -> list[TracedText]:
     """The engines with the most and the fewest right answers, at each fidelity."""
-    engines = mechanical[~mechanical["engine"].isin(OWN_METHODS)]
     parts = []
-    for fidelity, rows in engines.groupby("fidelity", sort=False):
+    for fidelity, rows in mechanical[~mechanical["engine"].isin(OWN_METHODS)].groupby("fidelity", sort=False):
         right = rows["verdict"].eq(RIGHT).groupby(rows["variant"], sort=False).sum()
         ends = dict.fromkeys((right.idxmax(), right.idxmin()))
-        said = listed([traced("{} {}", called(variant, False), cells[variant]) for variant in ends], " to ", " to ")
-        parts.append(traced("{} {}", f"{fidelity}s", said))
-    return traced("; {}", listed(parts, "; ", "; ")) if parts else TracedText("")
+        said = [traced("{} {}", called(variant, False), cells[variant]) for variant in ends]
+        parts.append(traced("{}s {}", str(fidelity), listed(said, " to ", " to ")))
+    return parts
 
 
-def _counts(table: pd.DataFrame, counts: dict[str, tuple]) -> object:
-    frame = pd.DataFrame([{"variant": variant, **{heading: int(number.text) for heading, number in zip(COUNTED, numbers)}} for variant, numbers in counts.items()])
-    rows = [np.flatnonzero(table["variant"] == variant) + 1 for variant in frame["variant"]]
-    return view("hard-counts", "Mechanical hard cases by method.", frame, (Column("variant", "method"), *(Column(heading) for heading in COUNTED)), source="hard", rows=rows)
-
-
-def _topics(mechanical: pd.DataFrame, variants: list[str]) -> object:
-    """Right answers by topic, of its cases."""
-    groups = list(mechanical.groupby("topic", sort=False))
-    frame = pd.DataFrame([{"topic": topic, "cases": rows["case"].nunique(), **{
-        variant: int(((rows["variant"] == variant) & (rows["verdict"] == RIGHT)).sum()) for variant in variants}} for topic, rows in groups])
-    return view("hard-topics", "Right answers by topic.", frame, (Column("topic"), Column("cases"), *(Column(variant) for variant in variants)), source="hard",
-                rows=[rows.index + 1 for _, rows in groups], in_report=False)
-
-
-def _reasons(lost: pd.DataFrame) -> object:
-    """One row per method, verdict and reason: its cases."""
-    groups = list(lost.groupby(["variant", "verdict", "about"], sort=False))
-    frame = pd.DataFrame([{"variant": variant, "verdict": verdict, "reason": about, "cases": ", ".join(rows["case"])} for (variant, verdict, about), rows in groups],
-                         columns=["variant", "verdict", "reason", "cases"])
-    return view("hard-reasons", "What is not right, and why.", frame, (Column("variant", "method"), Column("verdict"), Column("cases"), Column("reason", brief=False)),
-                source="hard", rows=[rows.index + 1 for _, rows in groups], in_report=False)
-
-
-def _cases(table: pd.DataFrame) -> object:
-    """What must be true of each case."""
-    first = table.drop_duplicates("case")
-    return view("hard-cases", "What must be true of each case, as derived in its scene's file.", first, (Column("case"), Column("topic"), Column("must", "must be true")),
-                source="hard", in_report=False)
+def _tables(table: pd.DataFrame, mechanical: pd.DataFrame,
+            counts: dict[str, dict[str, Number]]) -> tuple[TableView, ...]:
+    """Counts by method and by topic, the reasons for all answers that are not right, and the truth of each case."""
+    by_method = [({"variant": variant, **{name: int(number.text) for name, number in numbers.items()}},
+                  table[table["variant"] == variant]) for variant, numbers in counts.items()]
+    topics = []
+    for topic, rows in mechanical.groupby("topic", sort=False):
+        right = rows.loc[rows["verdict"] == RIGHT, "variant"].value_counts().reindex(list(counts), fill_value=0)
+        topics.append(({"topic": topic, "cases": rows["case"].nunique(), **right}, rows))
+    bad = mechanical[mechanical["verdict"].isin(COUNTED["degraded"] | COUNTED["wrong"])]
+    reasons = [({"variant": variant, "verdict": verdict, "reason": about, "cases": ", ".join(rows["case"])}, rows)
+               for (variant, verdict, about), rows in bad.groupby(["variant", "verdict", "about"], sort=False)]
+    return (view("hard-counts", "Mechanical hard cases by method.", by_method,
+                 (Column("variant", "method"), *map(Column, COUNTED)), source="hard"),
+            view("hard-topics", "Right answers by topic.", topics, map(Column, ("topic", "cases", *counts)),
+                 source="hard", in_report=False),
+            view("hard-reasons", "Degraded and wrong answers, and their reasons.", reasons,
+                 (Column("variant", "method"), Column("verdict"), Column("cases"), Column("reason", brief=False)),
+                 source="hard", in_report=False),
+            view("hard-cases", "What must be true of each case, as derived in its scene's file.",
+                 table.drop_duplicates("case"), (Column("case"), Column("topic"), Column("must", "must be true")),
+                 source="hard", in_report=False))
 
 
 def _hostile(hostile: pd.DataFrame) -> str:
-    """The cases of the file reader, apart from those of the methods."""
+    """The cases of the file reader, which no method is credited with."""
     if hostile.empty:
         return ""
-    cases = hostile["case"].nunique()
-    refused = hostile[hostile["verdict"] == UNREAD]["case"].nunique()
-    lost = listed([f"{variant} {len(rows)}" for variant, rows in hostile[hostile["verdict"].isin(LOST)].groupby("variant", sort=False)])
-    wrong = f" Wrong on the others: {lost.text}." if lost else ""
-    return (f"Hostile files are {cases} more: our reader refuses {refused} of them before any method sees them, so that no method is credited with them.{wrong}")
+    refused = hostile.loc[hostile["verdict"] == UNREAD, "case"].nunique()
+    wrong = hostile[hostile["verdict"].isin(COUNTED["wrong"])].groupby("variant", sort=False).size()
+    others = sentence(" Wrong on the others: {}.", listed([f"{variant} {number}" for variant, number in wrong.items()]))
+    return (f"Hostile files are {hostile['case'].nunique()} more: our reader refuses {refused} of them before any "
+            f"method sees them, so that no method is credited with them.{others.text}")
 
 
 def _heat_map(mechanical: pd.DataFrame, variants: list[str]) -> HeatMap:
     """Verdicts: a row a case by topic, a column a method."""
-    wide = mechanical.pivot(index="case", columns="variant", values="verdict")
+    wide = mechanical.pivot(index="case", columns="variant", values="verdict").fillna("")
     cases = {topic: list(dict.fromkeys(rows["case"])) for topic, rows in mechanical.groupby("topic", sort=False)}
     order = [case for names in cases.values() for case in names]
-    cells = [[verdict if isinstance(verdict, str) else "" for verdict in wide.loc[case, variants]] for case in order]
-    return HeatMap("hard-cases", "Verdicts on the mechanical hard cases, by topic: a row a case, a column an installed method.", order, variants, cells, SIGNS,
+    return HeatMap("hard-cases", "Verdicts on the mechanical hard cases, by topic: a row a case, a column an installed "
+                   "method.", order, variants, wide.loc[order, variants].to_numpy().tolist(), SIGNS,
                    {topic: len(names) for topic, names in cases.items()})
 
 
-STUDY = Study("hard", "Hard cases", "Where do methods break down?", 6, present, plan, seconds=0.15, takes_scene=False, takes=frozenset({"engines", "problems"}))
+STUDY = Study("hard", "Hard cases", "Where do methods break down?", 6, present, plan, seconds=0.15, takes_scene=False,
+              takes=frozenset({"engines", "problems"}))

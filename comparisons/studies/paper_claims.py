@@ -1,9 +1,9 @@
-"""The paper's sentences about its example, measured on the independent solution and on runs of its HLCP scheme.
+"""The paper's sentences about its example, measured on the truth and on runs of its HLCP scheme.
 
 Source: Zhuang & Wang, Acta Mech. Sin. 30(3), 437-446 (2014); ``data/paper_claims.toml`` quotes each sentence with its
-place. A measure with a margin, positive where the claim holds, is taken of four stretches of motion: the independent
-solution from the start and in its steady state, and the paper's scheme from the start and in its last period. The
-verdict follows from the four. The length and the step that a run needs follow from shorter and coarser runs.
+place. A measure with a margin, positive where the claim holds, is taken of four stretches of motion: the truth from the
+start and in its steady state, and the paper's scheme from the start and in its last period. The verdict follows from
+the four. The length and the step that a run needs follow from shorter and coarser runs.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import textwrap
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import partial
 from importlib import resources
 from typing import Any
 
@@ -34,7 +34,6 @@ from stiction.scenes import Scene, Trajectory, scene_to_toml, vary
 
 HOLDS, STEADY, PARTLY, FAILS = "holds", "holds in the steady state only", "partly", "does not hold"
 CONTRADICTS, NOT_TESTABLE, UNDECIDED = "contradicts itself", "not testable", "not decided"
-VERDICTS = (HOLDS, STEADY, PARTLY, CONTRADICTS, FAILS, NOT_TESTABLE, UNDECIDED)
 
 RUN, FROM_START = 80.0, 24.0
 """Seconds of a run of the scheme, whose last period is its steady state, and of the stretch from the start.
@@ -52,21 +51,7 @@ View = Callable[[Scene], Stretch]
 
 @dataclass(frozen=True)
 class Claim:
-    """A sentence of the paper.
-
-    Attributes
-    ----------
-    case, page, words : str
-        The case it is about, where it stands in Sect. 5, and the sentence.
-    measure, arguments : str, Mapping
-        One of `MEASURES`; "" where nothing can be measured: `why` gives the reason.
-    remark : str
-        What follows the meaning of the margin.
-    beginning : bool
-        It is about the beginning of the motion alone.
-    contradiction : str
-        Another sentence of the paper that it cannot be true with.
-    """
+    """A sentence of the paper; the fields are those of ``data/paper_claims.toml``."""
 
     case: str
     page: str
@@ -95,15 +80,15 @@ class Claim:
             return Finding(float("nan"), str(error))
 
 
-@cache
-def _quoted() -> dict[str, Any]:
-    path = resources.files("stiction.comparisons") / "data" / "paper_claims.toml"
-    return tomllib.loads(path.read_text(encoding="utf-8"))
+_FILE = resources.files("stiction.comparisons") / "data" / "paper_claims.toml"
+_QUOTED = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+CHOICES: Mapping[str, Mapping[str, Any]] = _QUOTED["choices"]
+"""Values that the paper does not give, as overrides of `stiction.scenes.vary`; the first choice is ours."""
 
 
 def claims() -> tuple[Claim, ...]:
     """The paper's sentences about its example, in their order; `drift_claims` has those about drift."""
-    return tuple(Claim(**entry) for entry in _quoted()["claim"])
+    return tuple(Claim(**entry) for entry in _QUOTED["claim"])
 
 
 def paper_run(scene: Scene, t_end: float, step: float) -> Trajectory:
@@ -149,43 +134,34 @@ class Views:
 
 
 def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> Comparison[pd.DataFrame]:
-    """`claims_table` in tasks: those of one case share motions. The claims of a lost task are a row with the reason."""
-    rows: dict[str, list[int]] = {}
+    """`claims_table` in tasks: those of one case share motions. The claims of a failed task are one row."""
+    first: dict[str, int] = {}
     for row, claim in enumerate(claims()):
-        rows.setdefault(claim.case, []).append(row)
+        first.setdefault(claim.case, row)
 
-    def part(case: str, there: list[int], outcome: Outcome) -> pd.DataFrame:
+    def part(case: str, outcome: Outcome) -> pd.DataFrame:
         if outcome.value is not None:
-            return outcome.value.assign(status="ok", reason="").set_axis(there)
-        lost = {"case": case, "place": "", "claim": f"[all about case {case}]", "verdict": UNDECIDED,
-                "why": outcome.reason, "status": outcome.status, "reason": outcome.reason}
-        return pd.DataFrame(lost, index=there[:1])
+            return outcome.value.assign(status="ok", reason="")
+        return pd.DataFrame({"case": case, "place": "", "claim": f"[all about case {case}]", "verdict": UNDECIDED,
+                             "why": outcome.reason, "status": outcome.status, "reason": outcome.reason}, [first[case]])
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        parts = [part(case, there, outcome) for (case, there), outcome in zip(rows.items(), outcomes, strict=True)]
+        parts = [part(case, outcome) for case, outcome in zip(first, outcomes, strict=True)]
         return pd.concat(parts).sort_index().reset_index(drop=True)
 
-    return Comparison(tuple(Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in rows),
-                      tabulate)
+    tasks = [Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in first]
+    return Comparison(tuple(tasks), tabulate)
 
 
 def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: str) -> pd.DataFrame:
-    """One row per claim about some of the cases.
+    """One row per claim with `Claim.case` `about`: words and place, verdict, margins and findings, run and step needed.
 
-    Columns: words and place, verdict, margins and what was found on each stretch, and the run and the step it takes.
-
-    Parameters
-    ----------
-    cases
-        The paper's, by number.
-    threshold
-        Of the first case.
-    about
-        `Claim.case` of the claims.
+    The threshold is that of the first case. The index is the place of the claim among `claims`.
     """
     views = Views(cases, threshold)
+    chosen = {place: claim for place, claim in enumerate(claims()) if claim.case == about}
     return pd.DataFrame([{"case": claim.case, "place": claim.place, "claim": claim.words, **_examine(claim, views),
-                          "truth tier": HIGH_PRECISION} for claim in claims() if claim.case == about])
+                          "truth tier": HIGH_PRECISION} for claim in chosen.values()], index=list(chosen))
 
 
 def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
@@ -196,7 +172,7 @@ def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
     is no more than the rounding of a coordinate counts as bounded: the sentence is about the method.
     """
     found = drift_findings(study, scene)
-    return [_drift_row(found, scene, **entry) for entry in _quoted()["drift_claim"]]
+    return [_drift_row(found, scene, **entry) for entry in _QUOTED["drift_claim"]]
 
 
 def _drift_row(found: Mapping[str, list[Mapping[str, Any]]], scene: str, words: str, stabilized: bool,
@@ -236,7 +212,7 @@ def _examine(claim: Claim, views: Views) -> dict[str, Any]:
         return {"verdict": NOT_TESTABLE, "why": claim.why}
     found = findings(claim, views)
     said = verdict(claim, found)
-    margin = _quoted()["margin"][claim.measure].format(LINE=LINE, **claim.arguments) + claim.remark
+    margin = _QUOTED["margin"][claim.measure].format(LINE=LINE, **claim.arguments) + claim.remark
     row: dict[str, Any] = {"verdict": said, "why": claim.contradiction if said == CONTRADICTS else "",
                            "margin is": margin}
     row |= {f"margin, {name}": finding.margin for name, finding in found.items()}
@@ -245,7 +221,7 @@ def _examine(claim: Claim, views: Views) -> dict[str, Any]:
 
 
 def findings(claim: Claim, views: Views, truths_only: bool = False) -> dict[str, Finding]:
-    """The findings about a claim on each stretch of motion; about one on the beginning, on those from the start."""
+    """Measure a claim on each stretch of motion; one about the beginning on those from the start."""
     where: dict[str, View] = {"truth, from the start": views.truth, "truth, steady": views.steady_truth}
     if not truths_only:
         where |= {"HLCP, from the start": partial(views.beginning, STEPS[-1]),
@@ -255,11 +231,11 @@ def findings(claim: Claim, views: Views, truths_only: bool = False) -> dict[str,
 
 
 def verdict(claim: Claim, found: Mapping[str, Finding]) -> str:
-    """The verdict that follows from what was found on each stretch.
+    """Return the verdict that follows from the findings on each stretch.
 
-    A claim holds where it does on all of them. It holds in the steady state only where it does on both stretches of
-    that and not on one from the start. It holds partly where truth and run disagree, or a part of what it is about is
-    so. A claim that holds and contradicts another is said to contradict itself.
+    A claim holds where it does on all of them; in the steady state only where it does on both stretches of that, and
+    not on one from the start; partly where truth and run disagree, or where a part of it holds. A claim that holds and
+    contradicts another contradicts itself.
     """
     holds = {name: finding.holds for name, finding in found.items()}
     if any(np.isnan(finding.margin) for finding in found.values()):
@@ -292,42 +268,32 @@ def _needs(claim: Claim, views: Views) -> dict[str, Any]:
     return {"run needed [s]": FROM_START if claim.beginning else RUN - number * period, "step needed [s]": coarsest}
 
 
-CHOICES: dict[str, Mapping[str, Any]] = {
-    "as here: g = 9.81, anchor at L0, start at L0": {},
-    "g = 9.8": {"g": 9.8}, "g = 10": {"g": 10.0},
-    "spring natural at x = 0": {"springs.spring.points.1.0": 0.0},
-    "start at x = 0": {"bodies.slider.position.0": 0.0, "bodies.bar.position.0": "L/2"},
-    "start at x = 1 m": {"bodies.slider.position.0": 1.0, "bodies.bar.position.0": "1 + L/2"},
-    "start with 1 m/s": {"bodies.slider.velocity.0": 1.0, "bodies.bar.velocity.0": 1.0}}
-"""Values that the paper does not give, by `stiction.scenes.vary`."""
-
 SAMPLING = 1e-5
 """Part of a number by which it must differ to be said to change.
 
 Maxima are of 4000 samples a period. The fastest oscillation here is four periods of the bar in one of the load: they
 miss its maximum by up to (2 pi 4/4000)^2/8 = 5e-6 of it.
 """
+THRESHOLD = "threshold on F0 [N]"
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """The independent solution under one choice, and why numbers are missing.
+    """The truth under one choice: numbers by column, verdicts by case and words, and why numbers are missing."""
 
-    The threshold is on F0 (N); numbers stand by the heading of their column, verdicts by case and words of the claim.
-    """
-
-    threshold: float | None
     numbers: Mapping[str, float]
     verdicts: Mapping[str, str]
     reason: str = ""
 
 
 def sensitivity(cases: Mapping[int, Scene], overrides: Mapping[str, Any]) -> Sensitivity:
-    """Measure the independent solution of the paper's cases, changed by `overrides` of `stiction.scenes.vary`."""
+    """Measure the truth of the paper's cases, changed by `overrides` of `stiction.scenes.vary`."""
     varied = {case: vary(scene, overrides) if overrides else scene for case, scene in cases.items()}
     threshold = stick_threshold(varied[1])
     views = Views(varied, threshold)
-    numbers, reasons = {}, [threshold.note] if threshold.F0 is None else []
+    numbers, reasons = {THRESHOLD: threshold.F0}, []
+    if threshold.F0 is None:
+        numbers, reasons = {}, [threshold.note]
     verdicts = {f"case {claim.case}: {claim.words}": verdict(claim, findings(claim, views, truths_only=True))
                 for claim in claims() if claim.measure}
     for case in varied:
@@ -339,19 +305,20 @@ def sensitivity(cases: Mapping[int, Scene], overrides: Mapping[str, Any]) -> Sen
         numbers |= {f"stick time per period, case {case} [s]": steady.stick_time_per_period,
                     f"largest F_i, case {case} [N]": steady.maximum(*CORNERS),
                     f"largest moment, case {case} [N m]": steady.maximum(EFFORT)}
-    return Sensitivity(threshold.F0, numbers, verdicts, "; ".join(reasons))
+    return Sensitivity(numbers, verdicts, "; ".join(reasons))
 
 
 def sensitivity_comparison(cases: Mapping[int, Scene]) -> Comparison[pd.DataFrame]:
-    """One row per choice that the paper leaves open, with what of the independent solution depends on it.
+    """One row per choice that the paper leaves open, with the truth's numbers that depend on it.
 
     Columns: ``choice``; ``reason`` why a number, or the whole row, is missing; ``claims that change``: verdicts on the
-    independent solution that are not those under the first choice; ``numbers that change``: those that differ from the
-    first choice by more than `SAMPLING`; ``threshold on F0 [N]`` and the numbers themselves.
+    truth that are not those under the first choice; ``numbers that change``: those that differ from the first choice
+    by more than `SAMPLING`; `THRESHOLD` and the other numbers.
     """
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        before: Sensitivity | None = outcomes[0].value
-        return pd.DataFrame([_sensitivity_row(choice, outcome, before)
+        ours: Sensitivity | None = outcomes[0].value
+        return pd.DataFrame([{"choice": choice, "status": outcome.status, "reason": outcome.reason,
+                              **({} if outcome.value is None else _changes(outcome.value, ours))}
                              for choice, outcome in zip(CHOICES, outcomes, strict=True)])
 
     tasks = [Task(f"sensitivity/{choice}", sensitivity, (dict(cases), overrides))
@@ -359,27 +326,18 @@ def sensitivity_comparison(cases: Mapping[int, Scene]) -> Comparison[pd.DataFram
     return Comparison(tuple(tasks), tabulate)
 
 
-def _sensitivity_row(choice: str, outcome: Outcome, before: Sensitivity | None) -> dict[str, Any]:
-    found: Sensitivity | None = outcome.value
-    if found is None:
-        return {"choice": choice, "status": outcome.status, "reason": outcome.reason}
-    row = {"choice": choice, "status": "ok", "reason": found.reason}
-    numbers = {"threshold on F0 [N]": found.threshold, **found.numbers}
-    if before is None:
-        unknown = "not known: the first choice has no result"
-        return row | {"claims that change": unknown, "numbers that change": unknown, **numbers}
-    claims_changed = []
-    for words, said in found.verdicts.items():
-        was = before.verdicts.get(words, UNDECIDED)
-        if said != was:
-            claims_changed.append(f"\"{textwrap.shorten(words, 90, placeholder=' ..')}\" {said} (was: {was})")
-    numbers_changed = []
-    for name, old in {"threshold on F0 [N]": before.threshold, **before.numbers}.items():
-        new = numbers.get(name)
-        if old is not None and new is not None and abs(new - old) > SAMPLING * abs(old):
-            numbers_changed.append(f"{name.rpartition(' [')[0]} {_change(old, new)}")
-    return row | {"claims that change": "; ".join(claims_changed) or "none",
-                  "numbers that change": "; ".join(numbers_changed) or "none", **numbers}
+def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:
+    """Columns of one choice against ours."""
+    if ours is None:
+        of_claims = of_numbers = "not known: the first choice has no result"
+    else:
+        before = {words: ours.verdicts.get(words, UNDECIDED) for words in found.verdicts}
+        of_claims = "; ".join(f"\"{textwrap.shorten(words, 90, placeholder=' ..')}\" {said} (was: {before[words]})"
+                              for words, said in found.verdicts.items() if said != before[words]) or "none"
+        of_numbers = "; ".join(f"{name.rpartition(' [')[0]} {_change(old, found.numbers[name])}"
+                               for name, old in ours.numbers.items() if name in found.numbers
+                               and abs(found.numbers[name] - old) > SAMPLING * abs(old)) or "none"
+    return {"reason": found.reason, "claims that change": of_claims, "numbers that change": of_numbers, **found.numbers}
 
 
 def _change(before: float, after: float) -> str:

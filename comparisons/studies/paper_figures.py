@@ -1,4 +1,4 @@
-"""The mechanism, and the paper's Figs. 5-13: slider, corner forces and driving moment of each case, its jumps vertical."""
+"""The mechanism, and the paper's Figs. 5-13: slider, corner forces and driving moment of each case, jumps vertical."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.measures.steady_stretch import stick_intervals
-from stiction.comparisons.methods import case_of, run_label
-from stiction.comparisons.presentation.charts import Axis, Chart, Figure, MechanismPicture, Panel, Series
-from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.methods import case_of, run_label, title_of
+from stiction.comparisons.presentation import Axis, Chart, MechanismPicture, Panel, Presentation, Series
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Study
 from stiction.comparisons.truth import Truth
@@ -37,18 +36,21 @@ class FigureSet:
     panels: dict[str, str]
 
 
-SETS = (FigureSet("velocity-acceleration", "velocity and acceleration of the slider", {"slider.vx": r"$\dot x_2$ [m/s]", "slider.ax": r"$\ddot x_2$ [m/s$^2$]"}),
-        FigureSet("corner-forces", "normal forces on the corners of the slider", {f"guide.F{i}": f"$F_{i}$ [N]" for i in (1, 2, 3, 4)}),
+SETS = (FigureSet("velocity-acceleration", "velocity and acceleration of the slider",
+                  {"slider.vx": r"$\dot x_2$ [m/s]", "slider.ax": r"$\ddot x_2$ [m/s$^2$]"}),
+        FigureSet("corner-forces", "normal forces on the corners of the slider",
+                  {f"guide.F{i}": f"$F_{i}$ [N]" for i in (1, 2, 3, 4)}),
         FigureSet("driving-moment", "driving moment", {"motor.effort": r"$\lambda_D$ [N m]"}))
 
 
 def present(results: Results) -> Presentation:
     """The pictures alone."""
     scenes = list(dict.fromkeys(record.scene for record in results.records))
-    return Presentation(figures=(*_mechanisms(scenes), *(figure for scene in scenes for figure in _time_series(results, scene))))
+    series = (chart for scene in scenes for chart in _time_series(results, scene))
+    return Presentation(figures=(*_mechanisms(scenes), *series))
 
 
-def _mechanisms(scenes: list[str]) -> Iterator[Figure]:
+def _mechanisms(scenes: list[str]) -> Iterator[MechanismPicture]:
     """Each distinct mechanism once: cases that differ in loads alone look the same."""
     drawn: list[object] = []
     for name in scenes:
@@ -60,24 +62,27 @@ def _mechanisms(scenes: list[str]) -> Iterator[Figure]:
             continue
         drawn.append(shape)
         given = f" In SI units: {parameters_in_words(scene)}." if scene.parameters else ""
-        yield MechanismPicture(f"mechanism-{name}", f"The mechanism of {case_of(name)} at t = 0, the corners of its slider numbered as in the paper.{given}", name)
+        yield MechanismPicture(f"mechanism-{name}", f"The mechanism of {case_of(name)} at t = 0, the corners of its "
+                               f"slider numbered as in the paper.{given}", name)
 
 
-def _time_series(results: Results, scene: str) -> Iterator[Figure]:
+def _time_series(results: Results, scene: str) -> Iterator[Chart]:
     truth = results.truths.get(scene)
     label, frame = _reference([record for record in results.records if record.scene == scene], truth)
     for place, figure in enumerate(SETS):
         known = {column: words for column, words in figure.panels.items() if column in frame}
         if not known:
             continue
-        name, caption = f"{scene}-{figure.name}", f"{case_of(scene)}: {figure.subject}"
+        name, caption = f"{scene}-{figure.name}", f"{title_of(scene)}: {figure.subject}"
         if scene in CASES:
             number = FIRST_FIGURE + len(SETS) * CASES.index(scene) + place
             name, caption = f"fig{number:02d}-{name}", f"{caption} (the paper's Fig. {number})"
         t = frame["t"].to_numpy()
-        panels = [Panel("", Axis(TIME, limits=(0.0, float(t[-1]))), Axis(words), [Series(label, t, frame[column].to_numpy())], shades=stick_phases(truth))
+        time = Axis(TIME, limits=(0.0, float(t[-1])))
+        panels = [Panel("", time, Axis(words), [Series(label, t, frame[column].to_numpy())], shades=stick_phases(truth))
                   for column, words in known.items()]
-        yield Chart(name, f"{caption[:1].upper()}{caption[1:]}. Grey: stick phases of the truth.", panels, columns=2 if len(panels) > 2 else 1, height=1.35)
+        yield Chart(name, f"{caption}. Grey: stick phases of the truth.", panels,
+                    columns=2 if len(panels) > 2 else 1, height=1.35)
 
 
 def _reference(records: list[Record], truth: Truth | None) -> tuple[str, pd.DataFrame]:

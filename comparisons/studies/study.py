@@ -1,7 +1,7 @@
 """A study is one question of the report: the runs it needs, the tables they make, and what the tables say.
 
-A new question is a new file in this folder whose module has a `STUDY`, and its test. It then appears in `stiction compare`, in
-`stiction validate` (terminal, report, page, paper), without another line.
+A new question is a new file in this folder whose module has a `STUDY`, and its test. It then appears in
+`stiction compare` and in `stiction validate` (terminal, report, page, paper), without another line.
 """
 
 from __future__ import annotations
@@ -27,13 +27,12 @@ from stiction.scenes import Scene
 
 @dataclass(frozen=True)
 class Scope:
-    """What a study is asked about.
+    """The scenes and limits of a study.
 
     Attributes
     ----------
     scenes : tuple of Scene
         The paper's cases in their order, or the one scene of `stiction compare`; studies of one scene take the first.
-    depth : Depth
     engines : tuple of str or None
         External engines that take part; all known ones where None. The reference always does.
     t_end : float or None
@@ -57,7 +56,7 @@ class Scope:
 
 @dataclass(frozen=True)
 class Tables:
-    """What the runs of a study yield: its tables by name, and the runs, truths and problems that are kept with them."""
+    """Tables of a study by name, and the runs, truths and problems that are kept with them."""
 
     tables: Mapping[str, pd.DataFrame]
     records: tuple[Record, ...] = ()
@@ -81,9 +80,11 @@ class Study:
     place : float
         In the order of the report: sections ascend.
     plan : callable or None
-        The runs within a `Scope` and what tabulates them; None at a depth that leaves the study out, and for a study of others' tables.
+        The runs within a `Scope` and what tabulates them; None at a depth that leaves the study out, and for a study
+        of others' tables.
     present : callable
-        What the tables say, from all results: those of a stored run as well, and of a run in which studies or engines are missing.
+        What the tables say, from all results: those of a stored run as well, and of a run without some studies or
+        engines.
     requires : Mapping
         By name, comparisons that must be made before `plan`: their yields are `Scope.known`.
     seconds : float
@@ -117,9 +118,5 @@ def studies() -> tuple[Study, ...]:
     """All studies of this folder, in the order of the report."""
     package = import_module("stiction.comparisons.studies")
     modules = [import_module(f"{package.__name__}.{module.name}") for module in pkgutil.iter_modules(package.__path__)]
-    return tuple(sorted((module.STUDY for module in modules if hasattr(module, "STUDY")), key=lambda study: study.place))
-
-
-def study(name: str) -> Study:
-    """The study of this name."""
-    return next(each for each in studies() if each.name == name)
+    found = [module.STUDY for module in modules if hasattr(module, "STUDY")]
+    return tuple(sorted(found, key=lambda study: study.place))

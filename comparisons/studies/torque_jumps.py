@@ -12,7 +12,7 @@ import pandas as pd
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.torque_jumps import BOUND, FARTHEST, LATEST, torque_table
 from stiction.comparisons.measures.scene_truth import truth_for
-from stiction.comparisons.methods import (at_equal_step, called, case_of, groups, methods, one_per_variant,
+from stiction.comparisons.methods import (REFERENCE, at_equal_step, called, case_of, groups, methods, one_per_variant,
                                           representatives, title_of)
 from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.presentation.charts import TRUTH, Axis, Chart, Panel, Series
@@ -20,7 +20,7 @@ from stiction.comparisons.presentation.presentation import Headline, Presentatio
 from stiction.comparisons.presentation.table_view import Column, TableView, view
 from stiction.comparisons.presentation.traced_text import Number, TracedText, count, listed, traced, value
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.accuracy import REFERENCE, ROW_HEIGHT, compared_runs, step_chart
+from stiction.comparisons.studies.accuracy import ROW_HEIGHT, compared_runs, step_chart
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.uncertain import rounded_up

@@ -1,9 +1,9 @@
-"""What accuracy costs: error against CPU time along the ladder of every variant.
+"""Error against CPU time, run by run, along the refinement series of every variant.
 
-A ladder is a sequence of runs from coarse to fine: steps, tolerances or iterations. What a given error costs is for
-`stiction.comparisons.studies.equal_error` to say. Per ladder of steps also observed order, Richardson
-extrapolation and grid convergence index (Roache 1994; ASME V&V 20-2009, Sect. 2; Celik et al., J. Fluids Eng. 130 (2008)
-078001); a tolerance or a number of iterations is not the step of an error expansion.
+A refinement series is a sequence of runs from coarse to fine: steps, tolerances or iterations. The time to a given
+error is that of `stiction.comparisons.studies.equal_error`. Per series of steps also observed order, Richardson
+extrapolation and grid convergence index (Roache 1994; ASME V&V 20-2009, Sect. 2; Celik et al., J. Fluids Eng. 130
+(2008) 078001); a tolerance or a number of iterations is not the step of an error expansion.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.accuracy import WRONG, errors, graph, size_of, truth_graph
 from stiction.comparisons.measures.distances import hausdorff
 from stiction.comparisons.measures.scene_truth import truth_for
+from stiction.comparisons.methods import succeeded
 from stiction.comparisons.studies.study import Tables
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.timing.timed_runs import samples_table
@@ -30,28 +31,26 @@ from stiction.engines.isolation import Outcome, simulation
 from stiction.scenes import Scene, Trajectory
 
 SAFETY = 1.25
-"""Factor of the grid convergence index for three rungs or more (Roache)."""
-
+"""Factor of the grid convergence index for three runs or more (Roache)."""
 ORDERS = (1e-3, 20.0)
 """Between which an observed order is looked for; no method here exceeds 8."""
-
 FLOOR = 100.0
-"""Errors below this many times the truth's own uncertainty are not differences of the method any more."""
-
+"""Multiple of the truth's uncertainty below which errors are not differences of the method any more."""
+TOTAL, TOTAL_LOW, TOTAL_HIGH = "cpu [s]", "cpu [s], low", "cpu [s], high"
+"""Median of the time of a whole run, the adapter included, and the ends of its interval."""
 LOW, HIGH = f"{OWN_CPU}, low", f"{OWN_CPU}, high"
-"""Ends of the interval of the median, of what the engine itself took; engines are ranked by it, `OWN_CPU`. The reference is counted whole."""
+"""Ends of the interval of `OWN_CPU`, by which engines are ranked; the reference is counted whole."""
 LEVEL, TIMING = "level of the interval [-]", "timing"
 """Probability of the interval, and what makes the time unsure, in words."""
 
 
 @dataclass(frozen=True)
 class Timed:
-    """`table`: a row per timed run; `records`: the runs, whose trajectories the table does not hold; `samples`: their times, see `samples_table`."""
+    """A row per timed run, the runs with their trajectories, and the samples of their times, see `samples_table`."""
 
     table: pd.DataFrame
     records: tuple[Record, ...]
     samples: pd.DataFrame
-
 
     def as_tables(self, name: str) -> Tables:
         """The table under a name, its times, and its runs."""
@@ -60,7 +59,7 @@ class Timed:
 
 @dataclass(frozen=True)
 class TimedRun:
-    """A run to be timed: of a variant at a rung on a scene, with what it changes in the scene or in the engine's settings."""
+    """A run of a variant at a step on a scene to be timed, with the engine's settings that it changes."""
 
     scene: Scene
     variant: Variant
@@ -69,9 +68,12 @@ class TimedRun:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
 
-def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None, repeats: int,
-                     rows: Callable[[Sequence[Record], Sequence[Timing | None]], Iterable[dict[str, Any]]], budget_s: float = math.inf) -> Comparison[Timed]:
-    """Runs that are timed in `repeats` rounds at least, those of a variant for `budget_s` at most, and the table of what `rows` makes of their records and times."""
+Rows = Callable[[Sequence[Record], Sequence[Timing | None]], Iterable[dict[str, Any]]]
+
+
+def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None, repeats: int, rows: Rows,
+                     budget_s: float = math.inf) -> Comparison[Timed]:
+    """Time runs in at least `repeats` rounds, those of a variant for at most `budget_s`; `rows` makes the table."""
     jobs = []
     for run in runs:
         made = job(run.scene, run.variant, run.step, t_end=t_end, **run.settings)
@@ -79,46 +81,49 @@ def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None
 
     def tabulate(outcomes: Sequence[Outcome]) -> Timed:
         timings = [outcome.value for outcome in outcomes]
-        records = tuple(Record(made.label, scene.name, run.variant, run.step, replace(outcome, value=timing.trajectory if timing else None))
-                        for run, made, outcome, timing in zip(runs, jobs, outcomes, timings))
-        return Timed(pd.DataFrame(list(rows(records, timings))), records, samples_table({record.key: timing for record, timing in zip(records, timings)}))
+        made = [replace(outcome, value=timing.trajectory if timing else None)
+                for outcome, timing in zip(outcomes, timings)]
+        records = tuple(Record(job.label, scene.name, run.variant, run.step, outcome)
+                        for run, job, outcome in zip(runs, jobs, made))
+        times = samples_table({record.key: timing for record, timing in zip(records, timings)})
+        return Timed(pd.DataFrame(list(rows(records, timings))), records, times)
 
     # a label of its own: another comparison may have a run with the same key
-    return Comparison(tuple(replace(simulation(made), label=f"timed/{made.label}") for made in jobs), tabulate, tuple({run.variant.label: run.variant for run in runs}.values()),
-                      rounds=repeats, ladders=tuple(f"{scene.name}/{run.variant.label}" for run in runs), budget_s=budget_s)
+    tasks = tuple(replace(simulation(job), label=f"timed/{job.label}") for job in jobs)
+    variants = tuple({run.variant.label: run.variant for run in runs}.values())
+    return Comparison(tasks, tabulate, variants, rounds=repeats, budget_s=budget_s,
+                      ladders=tuple(f"{scene.name}/{run.variant.label}" for run in runs))
 
 
-def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5, budget_s: float = math.inf) -> Comparison[Timed]:
-    """Every rung of every ladder: its error and its cost, one row per rung, failures included.
+def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5,
+                   budget_s: float = math.inf) -> Comparison[Timed]:
+    """Error and cost of every run of every refinement series, a row per run, failures included.
 
     Parameters
     ----------
     repeats
-        Rounds in which every rung is timed, at least; times are medians.
+        Rounds in which every run is timed, at least; times are medians.
     budget_s
-        CPU seconds that the rounds of one ladder may take. Finer rungs have an error and no time, and `TIMING` says why.
+        CPU seconds that the rounds of one series may take. Finer runs have an error and no time; `TIMING` says why.
     """
     static = {variant.label: has_static_coefficient(variant) for variant in variants}
     size = size_of(scene)
 
     def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
-        truths = {has_mus: truth_for(scene, [record for record in records if static[record.variant.label] == has_mus], t_end, has_mus)
-                  for has_mus in set(static.values())}
+        by_physics = {has_mus: [record for record in records if static[record.variant.label] == has_mus]
+                      for has_mus in set(static.values())}
+        truths = {has_mus: truth_for(scene, alike, t_end, has_mus) for has_mus, alike in by_physics.items()}
         for record, timing in zip(records, timings):
-            truth = truths[static[record.variant.label]]
-            found = {**record.describe(), **cost_of(timing), **errors(record.trajectory, truth, size)}
-            if found["status"] != WRONG:
-                found |= {**_distances(record.trajectory, truth), **_end_state(record.trajectory, truth)}
-            yield found
+            run, truth = record.trajectory, truths[static[record.variant.label]]
+            row = {**record.describe(), **cost_of(timing), **errors(run, truth, size)}
+            if row["status"] != WRONG and run is not None and len(run.t) > 1 and truth.tier != NO_TRUTH:
+                row |= {**_distances(run, truth), **_end_state(run, truth)}
+            yield row
 
-    runs = [TimedRun(physics_of(scene, static[variant.label]), variant, step) for variant in variants for step in variant.ladder]
+    runs = [TimedRun(physics_of(scene, static[variant.label]), variant, step)
+            for variant in variants for step in variant.ladder]
     found = timed_comparison(scene, runs, t_end, repeats, rows, budget_s)
     return found.then(lambda timed: replace(timed, table=_with_orders(timed.table)))
-
-
-def came_out(table: pd.DataFrame) -> pd.Series:
-    """Which rows are runs that reached their end: one that stopped early is cheap and may not have met what is hard."""
-    return (table["status"] == "ok") & (table["reason"].fillna("") == "")
 
 
 def cost_of(timing: Timing | None) -> dict[str, Any]:
@@ -126,20 +131,19 @@ def cost_of(timing: Timing | None) -> dict[str, Any]:
     if timing is None:
         return {}
     cost, total, own = timing.trajectory.cost, timing.interval("stepping_s"), timing.interval("own_s")
-    return {"set-up [s]": cost.setup_s, "compile [s]": cost.compile_s, "stepping [s]": cost.stepping_s, "cpu [s], low": total.low, "cpu [s], high": total.high,
-            LOW: own.low, HIGH: own.high, LEVEL: own.level, "repeats": own.samples, TIMING: timing.note,
+    return {"set-up [s]": cost.setup_s, "compile [s]": cost.compile_s, "stepping [s]": cost.stepping_s,
+            TOTAL_LOW: total.low, TOTAL_HIGH: total.high, LOW: own.low, HIGH: own.high, LEVEL: own.level,
+            "repeats": own.samples, TIMING: timing.note,
             **{f"{name} [-]": count for name, count in cost.counters.items()}}
 
 
-def _distances(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
-    """Distances of the motion beside the largest errors: mean over time (L1), and Hausdorff distance between graphs.
+def _distances(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
+    """Distances of the motion other than the largest errors: mean over time (L1), and Hausdorff distance of graphs.
 
-    The mean is over the output instants. The graphs are those of the coordinate with the largest error, time in seconds,
-    values in units of their range; its uncertainty is that of straight lines between the output instants.
+    The mean is over the output instants. The graphs are those of the coordinate with the largest error, time in
+    seconds, values in units of their range; its uncertainty is that of straight lines between the output instants.
     """
     row: dict[str, Any] = {}
-    if trajectory is None or len(trajectory.t) < 2 or truth.tier == NO_TRUTH:
-        return row
     t = trajectory.t
     exact = truth(t)
     for label, suffixes, unit in (("position", ("x", "y"), "m"), ("velocity", ("vx", "vy"), "m/s")):
@@ -147,17 +151,17 @@ def _distances(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
                 if name.rpartition(".")[2] in suffixes and name in trajectory}
         if not size:
             continue
-        row[f"{label} error, L1 mean [{unit}]"] = max(float(np.trapezoid(error, t)) / (t[-1] - t[0]) for error in size.values())
+        means = [float(np.trapezoid(error, t)) / (t[-1] - t[0]) for error in size.values()]
         worst = max(size, key=lambda name: float(size[name].max()))
-        distance = hausdorff(graph(trajectory, worst), truth_graph(truth, worst, t), 1.0, float(np.ptp(exact[worst])) or 1.0)
-        row |= {f"{label} Hausdorff distance [-]": distance.value, f"{label} Hausdorff uncertainty [-]": distance.uncertainty}
+        scale = float(np.ptp(exact[worst])) or 1.0
+        distance = hausdorff(graph(trajectory, worst), truth_graph(truth, worst, t), 1.0, scale)
+        row |= {f"{label} error, L1 mean [{unit}]": max(means), f"{label} Hausdorff distance [-]": distance.value,
+                f"{label} Hausdorff uncertainty [-]": distance.uncertainty}
     return row
 
 
-def _end_state(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
+def _end_state(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
     """The functional of the grid convergence index: x at the end, of the body that moves most along x in truth."""
-    if trajectory is None or not len(trajectory.t) or truth.tier == NO_TRUTH:
-        return {}
     exact = truth(trajectory.t)
     name = max((column for column in exact if column.endswith(".x") and column in trajectory),
                key=lambda column: float(np.ptp(exact[column])))
@@ -165,21 +169,23 @@ def _end_state(trajectory: Trajectory | None, truth: Truth) -> dict[str, Any]:
 
 
 def _with_orders(table: pd.DataFrame) -> pd.DataFrame:
-    """Of ladders of steps observed orders between neighbouring rungs; from three rungs on Richardson extrapolation and GCI."""
+    """Add observed orders between neighbouring steps; of three steps also Richardson extrapolation and GCI."""
     new = ["order, position [-]", "order, functional [-]", "extrapolated [m]", "grid convergence index [m]"]
     table = table.reindex(columns=[*table.columns, *new])
     if "position error [m]" not in table:
         return table
-    for _, ladder in table[came_out(table) & (table["parameter"] == "dt")].groupby("variant", sort=False):
-        step, error, value = (ladder[name].to_numpy(dtype=float) for name in ("step", "position error [m]", "functional value [m]"))
-        floor = FLOOR * ladder["position uncertainty [m]"].to_numpy(dtype=float)
-        for i in range(1, len(ladder)):
+    for _, series in table[succeeded(table) & (table["parameter"] == "dt")].groupby("variant", sort=False):
+        step, error, value = (series[name].to_numpy(dtype=float)
+                              for name in ("step", "position error [m]", "functional value [m]"))
+        floor = FLOOR * series["position uncertainty [m]"].to_numpy(dtype=float)
+        for i in range(1, len(series)):
             if error[i] > floor[i] and error[i - 1] > 0:
-                table.loc[ladder.index[i], new[0]] = np.log(error[i - 1] / error[i]) / np.log(step[i - 1] / step[i])
-        for i in range(2, len(ladder)):
+                order = np.log(error[i - 1] / error[i]) / np.log(step[i - 1] / step[i])
+                table.loc[series.index[i], new[0]] = order
+        for i in range(2, len(series)):
             found = richardson(step[i - 2:i + 1], value[i - 2:i + 1])
             if found is not None:
-                table.loc[ladder.index[i], new[1:]] = found.order, found.extrapolated, found.index
+                table.loc[series.index[i], new[1:]] = found.order, found.extrapolated, found.index
     return table
 
 
@@ -193,16 +199,16 @@ class Extrapolation:
 
 
 def richardson(step: Sequence[float], value: Sequence[float]) -> Extrapolation | None:
-    """Extrapolation from three rungs, coarse to fine, with any ratios of their steps.
+    """Extrapolate from three steps, coarse to fine, with any ratios.
 
     With e32 = coarse - medium, e21 = medium - fine, r21 and r32 the ratios of the steps, the order p solves
-    e32/e21 = r21^p (r32^p - 1)/(r21^p - 1), which is Celik et al. 2008, eq. 3, for steps that differ in one direction. The right
-    side increases with p, so that there is one root or none. The index is SAFETY |e21|/(r21^p - 1).
+    e32/e21 = r21^p (r32^p - 1)/(r21^p - 1), which is Celik et al. 2008, eq. 3, for steps that differ in one direction.
+    The right side increases with p, so that there is one root or none. The index is SAFETY |e21|/(r21^p - 1).
 
     Returns
     -------
     Extrapolation or None
-        None where the values do not tell: no change between rungs, changes of opposite signs, or no order within `ORDERS`.
+        None if values are equal, change in opposite directions, or have no order within `ORDERS`.
     """
     (h3, h2, h1), (f3, f2, f1) = step, value
     e32, e21 = f3 - f2, f2 - f1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.methods import MISSING_ENGINE
+from stiction.comparisons.methods import MISSING_ENGINE, succeeded
 from stiction.comparisons.results import Results
 from stiction.reports.run_folder.data import tables_of
 
@@ -25,7 +25,7 @@ def losses(validation: Results) -> pd.DataFrame:
     parts = []
     for name, table in tables_of(validation).items():
         if {"status", "reason"} <= set(table.columns):
-            lost = ((table["status"] != "ok") | (table["reason"].fillna("") != "")) & (table["status"] != MISSING_ENGINE)
+            lost = ~succeeded(table) & (table["status"] != MISSING_ENGINE)
             rows = table if "variant" in table else table.rename(columns=ROWS_OF)
             parts.append(rows.loc[lost].reindex(columns=columns).assign(table=name, row=np.flatnonzero(lost) + 1))
     lost = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*columns, "table", "row"])

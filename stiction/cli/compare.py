@@ -140,10 +140,12 @@ def _print_failed(results: Results, table: pd.DataFrame) -> None:
     """The runs that failed or ended early, a line for each method and reason; of studies without such runs the rows of the table."""
     import pandas as pd
 
+    from stiction.comparisons.methods import succeeded
+
     runs = pd.DataFrame([record.describe() for record in results.records]) if results.records else table
     if not {"status", "reason", "variant"} <= set(runs):
         return
-    failed = runs[(runs["status"] != "ok") | (runs["reason"].fillna("") != "")]
+    failed = runs[~succeeded(runs)]
     for (method, status, reason), rows in failed.groupby(["variant", "status", "reason"], sort=False, dropna=False):
         print(f"{method}: {len(rows)} {'ended early' if status == 'ok' else status}: {reason}")
 

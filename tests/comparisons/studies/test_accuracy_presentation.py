@@ -1,4 +1,4 @@
-"""The accuracy study says what its table says, over all cases, and ranks nobody who lost one."""
+"""The accuracy study says what its table says, over all cases, and ranks no method that failed in one."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 
 from stiction.comparisons.presentation.presentation import ANSWER_LENGTH, Presentation
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.accuracy import STUDY, largest_differences, present
+from stiction.comparisons.studies.accuracy import largest_differences, present
 from stiction.comparisons.truth import CLOSED_FORM, Truth
 from stiction.scenes import Trajectory
 from made_up_runs import CASES, VARIANTS, about, cells, record, sentences, wrong_numbers
@@ -53,14 +53,14 @@ def test_the_closest_is_closest_in_its_worst_case():
     assert not wrong_numbers(present(better), better)
 
 
-def test_errors_that_cannot_be_told_from_each_other_are_not_ranked():
+def test_indistinguishable_errors_are_not_ranked():
     made = results({**ERRORS, "PyBullet": (9e-4, 1e-3, 4.5e-3)})
     assert "the closest of 2 is pymunk and PyBullet, 4.5 mm" in sentences(present(made))
 
 
 @pytest.mark.parametrize("status, reason", [("failed", "why"), ("crashed", "signal 11"), ("refused", "cannot"),
                                             ("ok", "step too small")])
-def test_losing_the_worst_case_does_not_improve_a_method(status, reason):
+def test_failing_in_the_worst_case_does_not_improve_a_method(status, reason):
     """Without case 3 pymunk would be at 2 mm; an early end counts, too."""
     said = present(made := results(lost={("pymunk", CASES[2])}, status=status, reason=reason))
     word = "declined" if status == "refused" else "failed"
@@ -72,7 +72,7 @@ def test_losing_the_worst_case_does_not_improve_a_method(status, reason):
     assert row["failed"] == f"case 3: {reason}" and np.isnan(row["position error [m], case 3"])
 
 
-def test_what_is_not_installed_is_not_lost():
+def test_an_engine_that_is_not_installed_has_not_failed():
     gone = results(lost={("pymunk, contact", case) for case in CASES}, status="missing")
     kept = [one for one in gone.records if one.variant.fidelity == "joint" or one.outcome.status == "missing"]
     gone = replace(gone, records=tuple(kept))
@@ -118,7 +118,3 @@ def test_differences_are_taken_where_the_truth_is_stored():
     run = Trajectory("made-up", "made-up", "1", "joint", t, {"slider.x": np.sin(t) + off, "slider.y": -0.5 * off})
     at, size = largest_differences(run, truth, (".x", ".y"))
     assert len(at) == 120 and size == pytest.approx(3e-3, rel=1e-9) and np.allclose(at % 0.2, 0.07)
-
-
-def test_the_study_is_found():
-    assert (STUDY.name, STUDY.place) == ("accuracy", 1)

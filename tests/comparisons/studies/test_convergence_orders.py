@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stiction.comparisons.studies.convergence_orders import RUNGS, observed_order, orders_comparison
+from stiction.comparisons.studies.convergence_orders import FEWEST, observed_order, orders_comparison
 from stiction.scenes import load_scene
 
 STEP = 0.1 * 2.0 ** -np.arange(6)
@@ -19,19 +19,20 @@ def test_order_of_a_power_law_with_noise(order):
     assert 175 <= hits <= 200  # of 95 %: 190, with a standard deviation of 3
 
 
-def test_rungs_outside_of_the_range_are_left_out():
-    coarse = STEP ** 2 * (1 + (STEP / 0.05) ** 4)  # the second term is the larger one at the coarsest rung
+def test_runs_outside_of_the_range_are_left_out():
+    coarse = STEP ** 2 * (1 + (STEP / 0.05) ** 4)  # the second term is the larger one at the coarsest run
     found = observed_order(STEP, coarse, np.zeros(6))
-    assert RUNGS <= found.rungs < 6 and found.order == pytest.approx(2, abs=0.1)
+    assert FEWEST <= found.runs < 6 and found.order == pytest.approx(2, abs=0.1)
     step = 0.1 * 2.0 ** -np.arange(8)
-    twice = np.where(step > 0.01, 1e-3 * step, 100 * step ** 3)  # four rungs of each order: that of the finer ones counts
+    twice = np.where(step > 0.01, 1e-3 * step, 100 * step ** 3)  # four runs of each order: the finer ones count
     assert observed_order(step, twice, np.zeros(8)).order == pytest.approx(3, abs=1e-6)
     floor = STEP ** 4 + 1e-9  # what no step makes smaller
-    assert observed_order(STEP, floor, np.full(6, 1e-12)).rungs < 6
+    assert observed_order(STEP, floor, np.full(6, 1e-12)).runs < 6
 
 
-@pytest.mark.parametrize("error, why", [((STEP > 0.04) * 1.0 + 1e-9, "not in the asymptotic range"), (STEP ** 2, "above the uncertainty"),
-                                        (np.full(6, np.nan), "above the uncertainty")])
+@pytest.mark.parametrize("error, why", [
+    ((STEP > 0.04) * 1.0 + 1e-9, "not in the asymptotic range"), (STEP ** 2, "above the uncertainty"),
+    (np.full(6, np.nan), "above the uncertainty")])
 def test_a_dash_has_its_reason(error, why):
     found = observed_order(STEP, error, np.full(6, 1.0 if "uncertainty" in why else 0.0))
     assert np.isnan(found.order) and why in found.reason
@@ -42,4 +43,5 @@ def test_orders_of_the_reference(in_this_process):
     table = orders_comparison(load_scene("slider-bar-case-1")).make().drop_duplicates("method")
     assert list(table["order of the method [-]"]) == [8, 4, 1]
     for row in table.to_dict("records"):
-        assert abs(row["observed order [-]"] - row["order of the method [-]"]) <= row["interval of the order [-]"] < 0.25 * row["order of the method [-]"]
+        order, half = row["order of the method [-]"], row["interval of the order [-]"]
+        assert abs(row["observed order [-]"] - order) <= half < 0.25 * order

@@ -94,7 +94,7 @@ def test_an_adapter_has_no_friction_machinery_for_what_has_no_friction(table):
     assert adapter.at[BASELINE, "passes [-]"] > adapter.at[BASELINE, "steps [-]"]
 
 
-def test_what_does_not_come_out_is_a_row_with_its_reason(table):
+def test_a_failed_run_is_a_row_with_its_reason(table):
     broken = table[table["variant"] == "broken"]
     assert len(broken) == len(rows(table, "reference"))
     assert (broken["status"] == "failed").all() and broken["reason"].str.contains("nonsense").all()

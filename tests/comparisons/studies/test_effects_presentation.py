@@ -30,12 +30,14 @@ def said_of(study, name, table):
 def test_the_answer_has_what_saves_time_and_what_baumgarte_costs():
     table = effects_table()
     said = said_of(effects.STUDY, "effects", table)
-    assert said.answer.text == "Of its CPU time with projection, the scene takes 0.45 without load, 0.5 without friction and 22 with Baumgarte's terms."
+    assert said.answer.text == ("Of its engine time with projection, the scene takes 0.45 without load, 0.5 without "
+                                "friction and 22 with Baumgarte's terms.")
     for number in said.answer.numbers:
         assert float(number.text) == table.loc[number.rows[0] - 1, number.column]
     findings = " ".join(text.text for text in said.findings)
     assert "Without friction, `stiction explain` leaves out these blocks: friction, static coefficient." in findings
-    assert "Its HLCP goes from 5 to 0 pairs, and CPU time to 0.50 ± 0.02, with 1002 instead of 1000 right-hand sides. Its motion changes by up to 1 m." in findings
+    assert ("Its HLCP goes from 5 to 0 pairs, and engine time to 0.50 ± 0.02, with 1002 instead of 1000 right-hand "
+            "sides. Its motion changes by up to 1 m.") in findings
     assert "can cost more time, as the motion changes: 1.2 ± 0.1 without gravity." in findings
     assert "No distinguishable difference in time without: spring." in findings
     assert "Without any stabilization it takes 0.90 ± 0.02; its motion changes by 2.5 m." in findings

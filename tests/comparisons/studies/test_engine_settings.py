@@ -1,4 +1,4 @@
-"""The study of settings: what the front is, that each choice is another than the default, and the command from end to end."""
+"""The study of settings: the front, choices that are other than the default, and the command from end to end."""
 
 from __future__ import annotations
 
@@ -16,20 +16,46 @@ from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies import engine_settings
-from stiction.comparisons.studies.engine_settings import (DEFAULT, DRIFT, ERROR, ERROR_RATIO, EVERYWHERE, FACTOR, JUDGED, ON_FRONT, ROUNDING, SETTING, SUBJECT, TIME_RATIO,
-                                                          TIME_RATIO_ENDS, against_defaults, better_everywhere,
-                                                          distance_of_defaults, drift_beside_rounding, front, load_study, plan, present, ranks_of_defaults, settings_comparison,
-                                                          settings_study)
+from stiction.comparisons.studies.engine_settings import (DEFAULT, DRIFT, ERROR, ERROR_RATIO, EVERYWHERE, FACTOR,
+                                                          FAILED, JUDGED, ON_FRONT, ROUNDING, SETTING, SUBJECT,
+                                                          TIME_RATIO, TIME_RATIO_ENDS, against_defaults,
+                                                          better_everywhere, drift_and_rounding, front, load_study,
+                                                          plan, present, ranks_of_defaults, settings_comparison)
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import HIGH, LOW, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines import EngineMissing, load_engine
 from stiction.scenes import InputError, load_scene
 
+CASES = tuple(load_scene(f"slider-bar-case-{number}") for number in (1, 2, 3))
+
+
+TORQUE = "torque error, L1 mean [N m]"
+FAILS = np.nan, 1.0
+
+
+def table(*runs, **columns):
+    """Runs of the default and of the choices a=1, a=2, .. at one step: error, nan where it failed, and time."""
+    settings = [DEFAULT, *(f"a={number}" for number in range(1, len(runs)))]
+    rows = pd.DataFrame([{
+        "scene": "s", SUBJECT: "e, joint", "variant": f"e, joint: {setting}", SETTING: setting, "step": 1e-3,
+        "status": "failed" if np.isnan(error) else "ok", "reason": "", ERROR: error, OWN_CPU: time, LOW: time,
+        HIGH: time, ON_FRONT: True} for setting, (error, time) in zip(settings, runs)])
+    return rows.assign(**columns)
+
+
+def joined(*tables):
+    return pd.concat(tables, ignore_index=True)
+
+
+def said_of(rows):
+    return present(Results((), {}, {"settings": rows}))
+
 
 @pytest.mark.parametrize(("error", "time", "expected"), [
     ([1.0, 0.5, 2.0], [1.0, 2.0, 2.0], [True, True, False]),  # the third is slower and worse than both
-    ([1.0, 1.0], [1.0, 2.0], [True, False]), ([1.0, 0.999], [1.0, 2.0], [True, False]),  # a thousandth of an error is none
+    ([1.0, 1.0], [1.0, 2.0], [True, False]),
+    ([1.0, 0.999], [1.0, 2.0], [True, False]),  # a thousandth of an error is none
     ([0.0, 0.0, 1.0], [1.0, 2.0, 0.5], [True, False, True]),  # errors of 0, of what does not move
     ([1.0, 0.9], [1.0, 1.0], [False, True]), ([1.0], [1.0], [True])])
 def test_front_of_sharp_times(error, time, expected):
@@ -37,40 +63,50 @@ def test_front_of_sharp_times(error, time, expected):
     assert list(front(np.array([error]), time, time)) == expected
 
 
-def test_times_whose_repeats_overlap_are_not_told_apart():
+def test_times_whose_repeats_overlap_are_indistinguishable():
     assert list(front(np.array([[1.0, 1.0]]), np.array([1.0, 1.1]), np.array([1.2, 1.3]))) == [True, True]
 
 
-def test_a_choice_of_better_position_and_worse_torque_is_no_better():
-    """Two errors are two axes of the front; where one is below what the truth is unsure by, nothing is told by it."""
+@pytest.mark.parametrize(("torque", "expected"), [([1.0, 9.0], [True, True]), ([1.0, 1.0], [False, True])])
+def test_two_errors_are_two_axes_of_the_front(torque, expected):
     time = np.array([1.0, 1.0])
-    assert list(front(np.array([[1.0, 0.5], [1.0, 9.0]]), time, time)) == [True, True]
-    assert list(front(np.array([[1.0, 0.5], [1.0, 1.0]]), time, time)) == [False, True]
-    torque = "torque error, L1 mean [N m]"
-    rows = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 5e-4, 2.0)])
-    assert better_everywhere(rows.assign(**{torque: [1.0, 9.0]})) == [] and better_everywhere(rows.assign(**{torque: np.nan})) == ["a=1"]
-    assert better_everywhere(rows.assign(**{torque: [1.0, 9.0], JUDGED[torque]: 10.0})) == ["a=1"]
-    assert better_everywhere(rows.assign(**{JUDGED[ERROR]: 1e-2})) == []
-    elsewhere = pd.concat([rows.assign(**{torque: [1.0, 1.0]}), rows.assign(scene="no drive", **{torque: np.nan})], ignore_index=True)
-    assert better_everywhere(elsewhere) == ["a=1"]
+    assert list(front(np.array([[1.0, 0.5], torque]), time, time)) == expected
 
 
-def test_a_choice_that_drifts_is_no_better():
-    """However small the drift is beside the error of the position; but not where rounding alone makes as much of it."""
-    rows = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.0)])
-    assert better_everywhere(rows.assign(**{DRIFT: [1e-14, 6e-8], ROUNDING: 3e-12})) == []
-    for drifts in ([1e-14, 2e-12], [6e-8, 6e-8], [np.nan, np.nan]):
-        assert better_everywhere(rows.assign(**{DRIFT: drifts, ROUNDING: 3e-12})) == ["a=1"]
-    assert list(against_defaults(rows.assign(**{DRIFT: [1e-14, 6e-9], ROUNDING: 3e-12}))[ERROR_RATIO]) == [1.0, pytest.approx(2000.0)]
+@pytest.mark.parametrize(("columns", "is_better"), [
+    ({TORQUE: [1.0, 9.0]}, False), ({TORQUE: np.nan}, True), ({TORQUE: [1.0, 9.0], JUDGED[TORQUE]: 10.0}, True),
+    ({JUDGED[ERROR]: 1e-2}, False)])  # an error below the truth's uncertainty decides nothing
+def test_a_choice_of_better_position_and_worse_torque_is_no_better(columns, is_better):
+    assert better_everywhere(table((1e-3, 2.0), (5e-4, 2.0), **columns)) == (["a=1"] if is_better else [])
+
+
+def test_a_scene_without_a_drive_has_no_torque_to_be_worse_in():
+    rows = table((1e-3, 2.0), (5e-4, 2.0))
+    scenes = joined(rows.assign(**{TORQUE: 1.0}), rows.assign(scene="no drive", **{TORQUE: np.nan}))
+    assert better_everywhere(scenes) == ["a=1"]
+
+
+@pytest.mark.parametrize(("drifts", "is_better"), [
+    ([1e-14, 6e-8], False), ([1e-14, 2e-12], True), ([6e-8, 6e-8], True), ([np.nan, np.nan], True)])
+def test_a_choice_that_drifts_is_no_better(drifts, is_better):
+    """However small the drift is against the position error, but not where rounding alone makes as much of it."""
+    rows = table((1e-3, 2.0), (1e-3, 1.0), **{DRIFT: drifts, ROUNDING: 3e-12})
+    assert better_everywhere(rows) == (["a=1"] if is_better else [])
+
+
+def test_the_ratio_of_drifts_is_to_rounding_at_least():
+    rows = table((1e-3, 2.0), (1e-3, 1.0), **{DRIFT: [1e-14, 6e-9], ROUNDING: 3e-12})
+    assert list(against_defaults(rows)[ERROR_RATIO]) == [1.0, pytest.approx(2000.0)]
 
 
 @pytest.mark.parametrize(("iterations", "drifts"), [(10, True), (100, False)])
 def test_the_study_sees_a_solver_that_lets_a_drive_go(iterations, drifts):
-    """PyBullet's driven angle, past the first reversal of the slider: by 50 iterations it is held to rounding, by 10 it is not."""
+    """PyBullet's driven angle, past the first reversal: by 50 iterations it is held to rounding, by 10 it is not."""
     pytest.importorskip("pybullet")
-    variants = [Variant("default", "pybullet", "dt", (4e-3,)), Variant("changed", "pybullet", "dt", (4e-3,), settings={"iterations": iterations})]
-    default, changed = (drift_beside_rounding(record.trajectory) for record in
-                        work_precision(load_scene("slider-bar-case-1"), variants, t_end=load_study().scenes["slider-bar-case-1"], repeats=1).make().records)
+    default = Variant("default", "pybullet", "dt", (4e-3,))
+    variants = [default, replace(default, label="changed", settings={"iterations": iterations})]
+    found = work_precision(CASES[0], variants, t_end=load_study().scenes[CASES[0].name], repeats=1).make()
+    default, changed = (drift_and_rounding(record.trajectory) for record in found.records)
     assert default[DRIFT] < default[ROUNDING] < 1e-10 and (changed[DRIFT] > 100 * changed[ROUNDING]) == drifts
 
 
@@ -80,7 +116,8 @@ def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(subject):
         solver = load_engine(subject.engine)
     except EngineMissing as missing:
         pytest.skip(str(missing))
-    default = solver.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.01, dt=5e-3, fidelity=subject.fidelity, **subject.fixed).settings
+    default = solver.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.01, dt=5e-3,
+                              fidelity=subject.fidelity, **subject.fixed).settings
     assert all(default[name] == value for name, value in subject.fixed.items())
     for name, values in subject.choices.items():
         assert name in default and default[name] not in values
@@ -96,64 +133,59 @@ def test_every_fidelity_of_an_engine_is_studied():
         assert {subject.fidelity for subject in subjects if subject.engine == engine} == set(fidelities)
 
 
-def table(rows):
-    return pd.DataFrame([{"scene": "s", SUBJECT: "e, joint", "variant": f"e, joint: {setting}", SETTING: setting, "step": 1e-3, "status": status,
-                          "reason": "", ERROR: error, OWN_CPU: time, LOW: time, HIGH: time, ON_FRONT: True} for setting, status, error, time in rows])
+@pytest.mark.parametrize("runs", [[(1e-3, 2.0), (1e-3, 1.0), (2e-3, 0.1), FAILS], [(0.0, 2.0), (0.0, 1.0)]])
+def test_a_gain_is_over_the_fastest_choice_that_is_no_worse(runs):
+    [row] = ranks_of_defaults(table(*runs)).to_dict("records")
+    assert (row[FACTOR], row["choice"]) == (2.0, "a=1")
 
 
-def test_distance_is_to_the_fastest_choice_that_is_no_worse():
-    [row] = distance_of_defaults(table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.0), ("a=2", "ok", 2e-3, 0.1), ("a=3", "failed", 1e-9, 0.1)])).to_dict("records")
-    assert row["fastest with no larger error"] == "a=1" and row["time, of the fastest [-]"] == 2.0
-    near = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.9), ("a=2", "ok", 1e-3, 3.0)]).assign(**{LOW: [1.8, 1.7, 2.8], HIGH: [2.2, 2.1, 3.2]})
-    assert distance_of_defaults(near)["fastest with no larger error"].item() == f"{DEFAULT}, a=1"  # their intervals overlap
-    [row] = distance_of_defaults(table([(DEFAULT, "ok", 0.0, 2.0), ("a=1", "ok", 0.0, 1.0)])).to_dict("records")
-    assert row["fastest with no larger error"] == "a=1"
-    assert distance_of_defaults(table([(DEFAULT, "failed", 1e-3, 2.0)])).empty
+def test_there_is_no_gain_where_intervals_overlap():
+    near = table((1e-3, 2.0), (1e-3, 1.9), (1e-3, 3.0), **{LOW: [1.8, 1.7, 2.8], HIGH: [2.2, 2.1, 3.2]})
+    assert ranks_of_defaults(near)["choice"].isna().all() and ranks_of_defaults(table(FAILS)).empty
 
 
 def test_ranks_of_defaults_name_where_another_choice_gains_most():
-    slow = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.0), ("a=2", "ok", 1e-3, 2.0)])
-    slower = table([(DEFAULT, "ok", 1e-3, 6.0), ("a=1", "ok", 1e-3, 7.0), ("a=2", "ok", 1e-3, 2.0)]).assign(scene="other")
-    best = table([(DEFAULT, "ok", 1e-3, 1.0), ("a=1", "ok", 1e-3, 2.0)]).assign(**{SUBJECT: "f, joint"})
-    one, other = ranks_of_defaults(pd.concat([slow, slower, best], ignore_index=True)).to_dict("records")
-    assert one == {SUBJECT: "e, joint", ON_FRONT: "2 of 2", EVERYWHERE: "a=2", FACTOR: 3.0, "scene": "other", "step": 1e-3, "choice": "a=2"}
-    assert other[SUBJECT] == "f, joint" and other[ON_FRONT] == "1 of 1" and other[EVERYWHERE] == "none" and pd.isna(other["scene"])
+    slow = table((1e-3, 2.0), (1e-3, 1.0), (1e-3, 2.0))
+    slower = table((1e-3, 6.0), (1e-3, 7.0), (1e-3, 2.0), scene="other")
+    best = table((1e-3, 1.0), (1e-3, 2.0), **{SUBJECT: "f, joint"})
+    one, other = ranks_of_defaults(joined(slow, slower, best)).to_dict("records")
+    assert one == {SUBJECT: "e, joint", ON_FRONT: "2 of 2", EVERYWHERE: "a=2", FACTOR: 3.0, "scene": "other",
+                   "step": 1e-3, "choice": "a=2"}
+    assert (other[SUBJECT], other[ON_FRONT], other[EVERYWHERE]) == ("f, joint", "1 of 1", "none")
+    assert pd.isna(other["scene"])
 
 
-@pytest.mark.parametrize(("there", "better"), [
-    ([("ok", 1e-3, 1.0), ("ok", 1e-3, 2.0)], True), ([("ok", 1e-4, 2.0), ("ok", 1e-3, 2.0)], True), ([("ok", 1e-3, 2.0), ("ok", 1e-3, 2.0)], False),
-    ([("ok", 1e-3, 1.0), ("ok", 2e-3, 1.0)], False), ([("ok", 1e-4, 1.0), ("ok", 1e-4, 3.0)], False),  # less accurate, slower on one scene
-    ([("ok", 1e-4, 1.0), ("failed", np.nan, np.nan)], False)])
-def test_better_everywhere_is_worse_nowhere(there, better):
-    rows = pd.concat([table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", *found)]).assign(scene=f"s{place}") for place, found in enumerate(there)], ignore_index=True)
-    assert better_everywhere(rows) == (["a=1"] if better else [])
+@pytest.mark.parametrize(("there", "is_better"), [
+    ([(1e-3, 1.0), (1e-3, 2.0)], True), ([(1e-4, 2.0), (1e-3, 2.0)], True), ([(1e-3, 2.0), (1e-3, 2.0)], False),
+    ([(1e-3, 1.0), (2e-3, 1.0)], False), ([(1e-4, 1.0), (1e-4, 3.0)], False),  # less accurate, slower on one scene
+    ([(1e-4, 1.0), FAILS], False)])
+def test_better_everywhere_is_worse_nowhere(there, is_better):
+    rows = joined(*(table((1e-3, 2.0), found, scene=f"s{place}") for place, found in enumerate(there)))
+    assert better_everywhere(rows) == (["a=1"] if is_better else [])
 
 
 def test_a_choice_over_all_scenes_has_its_mean_time_and_its_largest_error():
-    """Two scenes, in units of the default: times 1/2 and 2, of which the geometric mean is 1, errors 3 times and a third; a run that only the default has is told."""
-    torque = "torque error, L1 mean [N m]"
-    here = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 3e-3, 1.0), ("a=2", "ok", 1e-4, 1.0)]).assign(**{torque: [1.0, 1.0, 5.0]})
-    there = table([(DEFAULT, "ok", 3e-3, 2.0), ("a=1", "ok", 1e-3, 4.0), ("a=2", "failed", np.nan, 1.0)]).assign(scene="there", **{torque: np.nan})
-    default, one, two = against_defaults(pd.concat([here, there], ignore_index=True)).to_dict("records")
-    assert default[TIME_RATIO] == default[ERROR_RATIO] == 1.0 and default["lost"] == 0
-    assert one[TIME_RATIO] == pytest.approx(1.0) and [one[end] for end in TIME_RATIO_ENDS] == [0.5, 2.0] and one[ERROR_RATIO] == pytest.approx(3.0)
-    assert two["lost"] == 1 and two[ERROR_RATIO] == 5.0 and two[TIME_RATIO] == 0.5
-    at_rest = table([(DEFAULT, "ok", 0.0, 1.0), ("a=1", "ok", 5.0, 1.0), ("a=2", "ok", 0.0, 1.0)])
+    """Times 1/2 and 2 of the default's, of geometric mean 1; errors 3 times and a third; a failure is counted."""
+    here = table((1e-3, 2.0), (3e-3, 1.0), (1e-4, 1.0), **{TORQUE: [1.0, 1.0, 5.0]})
+    there = table((3e-3, 2.0), (1e-3, 4.0), FAILS, scene="there", **{TORQUE: np.nan})
+    default, one, two = against_defaults(joined(here, there)).to_dict("records")
+    assert default[TIME_RATIO] == default[ERROR_RATIO] == 1.0 and default[FAILED] == 0
+    assert [one[name] for name in (TIME_RATIO, *TIME_RATIO_ENDS)] == pytest.approx([1.0, 0.5, 2.0])
+    assert one[ERROR_RATIO] == pytest.approx(3.0)
+    assert (two[FAILED], two[ERROR_RATIO], two[TIME_RATIO]) == (1, 5.0, 0.5)
+    at_rest = table((0.0, 1.0), (5.0, 1.0), (0.0, 1.0))
     assert list(against_defaults(at_rest)[ERROR_RATIO]) == [1.0, np.inf, 1.0]
 
 
-@pytest.mark.parametrize("rows", [
-    table([(DEFAULT, "ok", 0.0, 1.0), ("a=1", "ok", 0.0, 2.0)]),
-    pd.concat([table([(DEFAULT, "failed", np.nan, 1.0), ("a=1", "ok", 1e-3, 2.0)]).assign(scene=name) for name in "st"], ignore_index=True)],
-    ids=["no error above 0", "no default that came out"])
-def test_there_is_no_figure_of_what_cannot_be_drawn(rows):
-    assert present(Results((), {}, {"settings": rows})).figures == ()
+def test_there_is_no_figure_without_a_default_that_succeeded():
+    assert said_of(joined(*(table(FAILS, (1e-3, 2.0), scene=name) for name in "st"))).figures == ()
 
 
 def short_study(**others):
     """The study with one step and one setting of each method."""
     whole = load_study()
-    return replace(whole, steps=whole.steps[:1], subjects=tuple(replace(one, choices=dict(list(one.choices.items())[:1])) for one in whole.subjects), **others)
+    subjects = (replace(one, choices=dict(list(one.choices.items())[:1])) for one in whole.subjects)
+    return replace(whole, steps=whole.steps[:1], subjects=tuple(subjects), **others)
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +195,7 @@ def studied():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(engine_settings, "load_study", lambda: study)
         with here():
-            yield settings_study(["pymunk"], repeats=1).make()
+            yield plan(Scope(CASES, Depth.FULL, ("pymunk",), repeats=1)).make().tables["settings"]
 
 
 def test_scenes_of_the_study_are_there():
@@ -171,9 +203,11 @@ def test_scenes_of_the_study_are_there():
 
 
 def test_study_has_every_choice_on_every_scene_and_the_rows_of_a_method_together(studied):
-    assert list(studied["scene"].unique()) == ["slider-bar-case-1", "heavy-slider"] and (studied["status"] == "ok").all()
+    assert list(studied["scene"].unique()) == ["slider-bar-case-1", "heavy-slider"]
+    assert (studied["status"] == "ok").all()
     assert studied[SUBJECT].ne(studied[SUBJECT].shift()).sum() == studied[SUBJECT].nunique() == 2
-    assert len(studied) == 2 * len(short_study().variants(["pymunk"]))
+    study = short_study()
+    assert len(studied) == 2 * sum(len(one.variants(study.steps)) for one in study.subjects if one.engine == "pymunk")
     for setting, had in zip(studied[SETTING], map(json.loads, studied["settings"])):
         name, _, value = setting.partition("=")
         assert setting == DEFAULT or str(had[name]) == value
@@ -181,60 +215,66 @@ def test_study_has_every_choice_on_every_scene_and_the_rows_of_a_method_together
 
 def test_what_is_said_of_the_defaults(studied):
     """Counted and compared here by other code; a row of the table for each method, traced to all rows of it."""
-    said = present(Results((), {}, {"settings": studied}))
+    said = said_of(studied)
     defaults = studied[studied["variant"].str.endswith(f": {DEFAULT}")]
-    assert said.answer.text == f"The defaults are on the front of error and time in {int(defaults[ON_FRONT].sum())} of {len(defaults)} comparisons."
+    assert f"in {int(defaults[ON_FRONT].sum())} of {len(defaults)} comparisons." in said.answer.text
     ranks, choices = said.tables
-    assert [row[:2] for row in ranks.cells()] == [[subject, f"{int(rows[ON_FRONT].sum())} of {len(rows)}"] for subject, rows in defaults.groupby(SUBJECT, sort=False)]
-    assert ranks.rows == tuple(tuple(number + 1 for number in rows.index) for _, rows in studied.groupby(SUBJECT, sort=False))
-    assert len(choices.frame) == studied["variant"].nunique() and len(said.figures[0].panels) == studied[SUBJECT].nunique()
+    counts = {subject: f"{int(rows[ON_FRONT].sum())} of {len(rows)}" for subject, rows in defaults.groupby(SUBJECT)}
+    assert {row[0]: row[1] for row in ranks.cells()} == counts
+    assert ranks.rows == tuple(tuple(rows.index + 1) for _, rows in studied.groupby(SUBJECT, sort=False))
+    assert len(choices.frame) == studied["variant"].nunique()
+    assert len(said.figures[0].panels) == studied[SUBJECT].nunique()
 
 
-def test_a_better_choice_is_named():
-    rows = table([(DEFAULT, "ok", 1e-3, 2.0), ("a=1", "ok", 1e-3, 1.0), ("a=2", "ok", 1e-3, 2.0)]).assign(**{ON_FRONT: [False, True, False]})
-    for scenes, where in ((rows, "in s"), (pd.concat([rows, rows.assign(scene="t")], ignore_index=True), "on every scene")):
-        said = present(Results((), {}, {"settings": scenes}))
-        assert said.findings[0].text == f"Better than the default {where}: e, joint with a=1."
-        assert said.answer.text.endswith(f"in 0 of {scenes['scene'].nunique()} comparisons.")
-        no_better = present(Results((), {}, {"settings": scenes.assign(**{OWN_CPU: 1.0, LOW: 1.0, HIGH: 1.0})}))
-        assert no_better.findings[0].text == f"No other choice is better than its default {where}."
+@pytest.mark.parametrize(("scenes", "where"), [("s", "in s"), ("st", "on every scene")])
+def test_a_better_choice_is_named(scenes, where):
+    one = table((1e-3, 2.0), (1e-3, 1.0), (1e-3, 2.0), **{ON_FRONT: [False, True, False]})
+    rows = joined(*(one.assign(scene=name) for name in scenes))
+    said = said_of(rows)
+    assert said.findings[0].text == f"Better than the default {where}: e, joint with a=1."
+    assert said.answer.text.endswith(f"in 0 of {len(scenes)} comparisons.")
+    no_better = said_of(rows.assign(**{OWN_CPU: 1.0, LOW: 1.0, HIGH: 1.0}))
+    assert no_better.findings[0].text == f"No other choice is better than its default {where}."
 
 
-def test_a_study_of_which_nothing_came_out_is_told(studied):
-    lost = studied.assign(status="crashed", reason="SIGSEGV").drop(columns=ERROR)
-    assert distance_of_defaults(lost).empty and ranks_of_defaults(lost).empty
-    said = present(Results((), {}, {"settings": lost}))
+def test_a_study_in_which_all_runs_failed_says_so(studied):
+    crashed = studied.assign(status="crashed", reason="SIGSEGV").drop(columns=ERROR)
+    assert ranks_of_defaults(crashed).empty
+    said = said_of(crashed)
     assert said.answer.text == "No run with the default settings of an engine succeeded." and not said.tables
-    assert present(Results((), {}, {})).is_empty
+    assert said_of(pd.DataFrame()).is_empty
 
 
-@pytest.mark.parametrize(("depth", "engines", "planned"), [(Depth.FULL, None, True), (Depth.FULL, ("moreau",), False), (Depth.DEFAULT, None, False)])
+@pytest.mark.parametrize(("depth", "engines", "planned"), [
+    (Depth.FULL, None, True), (Depth.FULL, ("moreau",), False), (Depth.DEFAULT, None, False)])
 def test_settings_are_tried_at_full_depth_and_on_a_scene_of_ones_own(depth, engines, planned):
-    cases = tuple(load_scene(f"slider-bar-case-{number}") for number in (1, 2, 3))
-    assert (plan(Scope(cases, depth, engines)) is not None) == planned
-    assert {task.args[1].name for task in plan(Scope(cases[1:2], depth, ("pymunk",))).tasks} == {"slider-bar-case-2"}
+    assert (plan(Scope(CASES, depth, engines)) is not None) == planned
+    assert {task.args[1].name for task in plan(Scope(CASES[1:2], depth, ("pymunk",))).tasks} == {"slider-bar-case-2"}
 
 
 def test_a_gain_at_another_step_says_so():
-    both = [table([(DEFAULT, "ok", error, seconds), ("a=1", "ok", error, seconds)]).assign(step=step) for step, error, seconds in ((4e-3, 1e-3, 1.0), (1e-3, 1e-3, 4.0))]
-    [row] = ranks_of_defaults(pd.concat([both[0].drop(index=0), both[1]], ignore_index=True)).to_dict("records")
-    assert row[FACTOR] == 4.0 and row["choice"] == "a=1 at 0.004 s" and row["step"] == 1e-3
+    """At 4 ms the default failed; the choice has the same error there as at 1 ms, in a quarter of the time."""
+    rows = joined(table(FAILS, (1e-3, 1.0), step=4e-3), table((1e-3, 4.0), (1e-3, 4.0)))
+    [row] = ranks_of_defaults(rows).to_dict("records")
+    assert (row[FACTOR], row["choice"], row["step"]) == (4.0, "a=1 at 0.004 s", 1e-3)
 
 
-def test_an_engine_without_settings_of_the_study_is_told():
+def test_an_engine_without_settings_of_the_study_is_refused():
     with pytest.raises(InputError, match="found 'moreau'; expected some of pymunk"):
-        settings_comparison(load_scene("slider-bar-case-1"), ["moreau"])
+        settings_comparison(CASES[0], ["moreau"])
 
 
 def test_command(tmp_path, in_this_process, monkeypatch):
     few = short_study()
     monkeypatch.setattr(engine_settings, "load_study", lambda: few)
     picture, file = tmp_path / "settings.png", tmp_path / "settings.csv"
-    ended = CliRunner().invoke(app, ["compare", "settings", "slider-bar-case-1", "--engines", "pymunk", "--t-end", "0.4", "--repeats", "2", "--plot", str(picture),
+    command = ["compare", "settings", "slider-bar-case-1", "--engines"]
+    ended = CliRunner().invoke(app, [*command, "pymunk", "--t-end", "0.4", "--repeats", "2", "--plot", str(picture),
                                      "--out", str(file)])
     assert ended.exit_code == 0, ended.output
     rows = pd.read_csv(file)
-    assert set(rows["fidelity"]) == {"joint", "contact"} and (rows["status"] == "ok").all() and "iterations=20" in set(rows[SETTING])
+    assert set(rows["fidelity"]) == {"joint", "contact"} and (rows["status"] == "ok").all()
+    assert "iterations=20" in set(rows[SETTING])
     assert picture.read_bytes().startswith(b"\x89PNG") and "The defaults are on the front" in ended.output
-    ended = CliRunner().invoke(app, ["compare", "settings", "slider-bar-case-1", "--engines", "reference"])
+    ended = CliRunner().invoke(app, [*command, "reference"])
     assert ended.exit_code == BAD_INPUT and "which the study has settings of" in ended.output

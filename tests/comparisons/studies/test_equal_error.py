@@ -1,4 +1,4 @@
-"""Time to equal error, on ladders whose answer is known; where a ladder ends, and by which rule that is told."""
+"""Time to equal error, on series whose answer is known; where a series ends, and the rule that says so."""
 
 import json
 
@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stiction.comparisons.studies import cost as cost_study
-from stiction.comparisons.studies.equal_error import (ADAPTER, FALLS, INTEGRATION, LOST, MODEL, QUANTITIES, SCENES, TRUTH, UNKNOWN, equal_error,
-                                                      ladder_end, order_of, rounds_to, time_to)
+from stiction.comparisons.studies.equal_error import (ADAPTER, FAILED, FALLS, INTEGRATION, MODEL, QUANTITIES, SCENES, SMALLEST, TRUTH, UNKNOWN, equal_error,
+                                                      limit_of, order_of, rounds_to, time_to)
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.timing.intervals import ratio_interval
@@ -24,7 +24,7 @@ ROUNDS = 1 + 0.01 * np.array([0.0, 3.0, -2.0, 1.0, -1.0])
 """By what the times of each round differ from their median."""
 
 
-def ladder(variant="a", error=(1e-2, 1e-4), unsure=0.0, parameter="dt", steps=None, torque=None, events=None, fidelity="joint", engine=None, status=None, scene="made-up", **settings):
+def series(variant="a", error=(1e-2, 1e-4), unsure=0.0, parameter="dt", steps=None, torque=None, events=None, fidelity="joint", engine=None, status=None, scene="made-up", **settings):
     steps = [10.0 ** -(i + 2) for i in range(len(error))] if steps is None else steps
     table = pd.DataFrame({"scene": scene, "variant": variant, "engine": engine or variant, "fidelity": fidelity, "parameter": parameter, "step": steps,
                           "status": status or ["ok"] * len(error), "reason": "" if status is None else "gave up", "settings": json.dumps(settings),
@@ -45,71 +45,72 @@ def samples(table, own, total=None):
 @given(st.floats(0.5, 4), st.floats(1e-7, 9e-2))
 def test_a_power_law_is_met_exactly_and_has_the_spread_of_its_times(order, target):
     error = 0.1 * 10.0 ** -np.arange(7)
-    table, own = ladder(error=error), 3.0 * error ** (-1 / order)
-    cost = time_to(table, samples(table, own, 2 * own), POSITION, target)
-    assert cost.own.value == pytest.approx(3.0 * target ** (-1 / order), rel=1e-9) and cost.total.value == pytest.approx(2 * cost.own.value)
-    assert (cost.own.low, cost.own.high) == pytest.approx((0.98 * cost.own.value, 1.03 * cost.own.value)) and not cost.at_most
+    table, own = series(error=error), 3.0 * error ** (-1 / order)
+    time = time_to(table, samples(table, own, 2 * own), POSITION, target)
+    exact = 3.0 * target ** (-1 / order)
+    assert time[OWN_CPU] == pytest.approx(exact, rel=1e-9) and time["cpu [s]"] == pytest.approx(2 * exact)
+    assert (time[LOW], time[HIGH]) == pytest.approx((0.98 * exact, 1.03 * exact)) and not time["at most"]
 
 
 def test_nothing_is_extrapolated_and_the_coarsest_rung_is_a_bound():
-    table = ladder(error=[1e-3, 1e-5])
+    table = series(error=[1e-3, 1e-5])
     times = samples(table, [2.0, 7.0])
-    assert time_to(table, times, POSITION, 1e-6) is None
-    assert time_to(table, times, POSITION, 1e-2).at_most and time_to(table, times, POSITION, 1e-2).own.value == 2.0
-    assert not time_to(table, times, POSITION, 1e-4).at_most
+    assert not time_to(table, times, POSITION, 1e-6) and not time_to(table, times, POSITION, 1e-4)["at most"]
+    bound = time_to(table, times, POSITION, 1e-2)
+    assert bound["at most"] and bound[OWN_CPU] == 2.0
 
 
 def test_a_ladder_that_turns_back_is_followed_in_its_own_order():
-    # the second rung is the best; the line between the first two passes 1e-3 at the time 2 whatever follows
-    table = ladder(error=[1e-2, 1e-4, 5e-3])
-    assert time_to(table, samples(table, [1.0, 4.0, 16.0]), POSITION, 1e-3).own.value == pytest.approx(2.0)
+    # the second run is the best; the line between the first two passes 1e-3 at the time 2 whatever follows
+    table = series(error=[1e-2, 1e-4, 5e-3])
+    assert time_to(table, samples(table, [1.0, 4.0, 16.0]), POSITION, 1e-3)[OWN_CPU] == pytest.approx(2.0)
 
 
 def test_an_error_below_its_uncertainty_is_not_reached():
-    table = ladder(error=[1e-2, 1e-9], unsure=1e-4)
-    assert time_to(table, samples(table, [1.0, 2.0]), POSITION, 1e-5) is None
-    assert ladder_end(table, POSITION).because == TRUTH
+    table = series(error=[1e-2, 1e-9], unsure=1e-4)
+    assert not time_to(table, samples(table, [1.0, 2.0]), POSITION, 1e-5)
+    assert limit_of(table, POSITION).because == TRUTH
 
 
 def test_a_ratio_at_equal_error_is_of_the_same_rounds():
-    fast, slow = ladder("fast"), ladder("slow")
+    fast, slow = series("fast"), series("slow")
     times = pd.concat([samples(fast, [1.0, 4.0]), samples(slow, [3.0, 12.0])])
     one, other = (rounds_to(table, times, POSITION, 1e-3)[OWN_CPU] for table in (fast, slow))
     found = ratio_interval(other, one)
     assert (found.value, found.low, found.high) == pytest.approx((3.0, 3.0, 3.0))
 
 
-def test_runs_that_were_lost_or_not_timed_are_never_fast():
-    table = ladder(error=[1e-2, 1e-9, 1e-4], status=["ok", "failed", "ok"])
+def test_runs_that_failed_or_were_not_timed_are_never_fast():
+    table = series(error=[1e-2, 1e-9, 1e-4], status=["ok", "failed", "ok"])
     table.loc[0, "reason"] = table.loc[2, "reason"] = ""
-    assert time_to(table, samples(table, [1.0, 0.1, 4.0]), POSITION, 1e-4).own.value == pytest.approx(4.0)
+    assert time_to(table, samples(table, [1.0, 0.1, 4.0]), POSITION, 1e-4)[OWN_CPU] == pytest.approx(4.0)
     timed = samples(table, [1.0, 0.1, 4.0])
-    assert time_to(table, timed[timed["key"] != table["key"].iloc[2]], POSITION, 1e-4) is None
+    assert not time_to(table, timed[timed["key"] != table["key"].iloc[2]], POSITION, 1e-4)
 
 
 FLAT = [1e-3, 9.7e-4, 9.5e-4]
 
 
 @pytest.mark.parametrize("table, quantity, accelerations, because, words", [
-    (ladder(error=[1e-2, 1e-3, 1e-4]), POSITION, None, INTEGRATION, "order 1 ± "),
-    (ladder(error=[1e-2, 1e-5, 1e-8], parameter="rtol", steps=[1e-3, 1e-6, 1e-9]), POSITION, None, INTEGRATION, "order 1 ± "),
-    (ladder(error=[1e-1, 1e-2, 1e-3], parameter="iterations", steps=[1, 10, 100], dt=2e-3), POSITION, None, INTEGRATION, "still falls: order 1 ± "),
-    (ladder(error=FLAT, parameter="iterations", steps=[2, 5, 50], dt=2e-3), POSITION, None, INTEGRATION, "its step of 0.002 s is fixed"),
-    (ladder(error=FLAT, fidelity="contact"), POSITION, None, MODEL, "bodies in contact"),
-    (ladder(error=FLAT), POSITION, 8e-4, MODEL, "end at 0.0008 m"),
-    (ladder(error=FLAT), POSITION, 1e-8, ADAPTER, "lead to 1e-08 m"),
-    (ladder(error=FLAT, friction_law="Coulomb, bound set by the adapter each step"), POSITION, None, ADAPTER, "by the adapter"),
-    (ladder(error=FLAT, friction_law="Coulomb (engine)"), POSITION, None, UNKNOWN, "does not fall"),
-    (ladder(error=[1e-2]), POSITION, None, UNKNOWN, "too few rungs"),
-    (ladder(error=[1e-2, 1e-3]), POSITION, None, UNKNOWN, "too few rungs"),  # two points make a slope without an interval
-    (ladder(error=[8e-3, 2.2e-3, 1.6e-3], steps=[1e-2, 5e-3, 2.5e-3], fidelity="contact"), POSITION, None, UNKNOWN, " in dt at the finest rungs"),
-    (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3)), TORQUE, None, ADAPTER, "not known when it jumps"),
-    (ladder(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3), events=[1e-2, 1e-5]), TORQUE, None, TRUTH, "truth"),
-    (ladder(), EVENTS, None, ADAPTER, "locates no events"),
-    (ladder(events=[1e-2, 1e-4]), TORQUE, None, UNKNOWN, "nothing to compare with"),
-    (ladder(error=[np.nan, np.nan], status=["failed", "timed out"]), POSITION, None, LOST, "timed out: gave up")])
-def test_why_a_ladder_ends(table, quantity, accelerations, because, words):
-    found = ladder_end(table, quantity, None if accelerations is None else ladder("accelerations", error=[1e-2, accelerations]))
+    (series(error=[1e-2, 1e-3, 1e-4]), POSITION, None, INTEGRATION, "order 1 ± "),
+    (series(error=[1e-2, 1e-5, 1e-8], parameter="rtol", steps=[1e-3, 1e-6, 1e-9]), POSITION, None, INTEGRATION, "order 1 ± "),
+    (series(error=[1e-1, 1e-2, 1e-3], parameter="iterations", steps=[1, 10, 100], dt=2e-3), POSITION, None, INTEGRATION, "still falls: order 1 ± "),
+    (series(error=FLAT, parameter="iterations", steps=[2, 5, 50], dt=2e-3), POSITION, None, INTEGRATION, "its step of 0.002 s is fixed"),
+    (series(error=FLAT, fidelity="contact"), POSITION, None, MODEL, "bodies in contact"),
+    (series(error=FLAT), POSITION, 8e-4, MODEL, "end at 0.0008 m"),
+    (series(error=FLAT), POSITION, 1e-8, ADAPTER, "lead to 1e-08 m"),
+    (series(error=FLAT, friction_law="Coulomb, bound set by the adapter each step"), POSITION, None, ADAPTER, "by the adapter"),
+    (series(error=FLAT, friction_law="Coulomb (engine)"), POSITION, None, UNKNOWN, "does not fall"),
+    (series(error=[1e-2]), POSITION, None, UNKNOWN, "too few runs"),
+    (series(error=[1e-2, 1e-3]), POSITION, None, UNKNOWN, "too few runs"),  # two points make a slope without an interval
+    (series(error=[8e-3, 2.2e-3, 1.6e-3], steps=[1e-2, 5e-3, 2.5e-3], fidelity="contact"), POSITION, None, UNKNOWN, " in dt at the finest runs"),
+    (series(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3)), TORQUE, None, ADAPTER, "not known when it jumps"),
+    (series(error=[1e-2, 1e-5], torque=([1e-1, 1e-6], 1e-3), events=[1e-2, 1e-5]), TORQUE, None, TRUTH, "truth"),
+    (series(), EVENTS, None, ADAPTER, "locates no events"),
+    (series(events=[1e-2, 1e-4]), TORQUE, None, UNKNOWN, "nothing to compare with"),
+    (series(error=[np.nan, np.nan], status=["failed", "timed out"]), POSITION, None, FAILED, "timed out: gave up")])
+def test_why_a_limit_ofs(table, quantity, accelerations, because, words):
+    found = limit_of(table, quantity, None if accelerations is None else series("accelerations", error=[1e-2, accelerations]))
     assert found.because == because and words in found.why
 
 
@@ -117,17 +118,17 @@ MOREAU = {"case 1": [8.12e-4, 8.18e-4, 5.86e-4], "case 2": [3.99e-3, 1.9e-3, 9.5
 
 
 def of_cases(errors, **others):
-    return pd.concat([ladder(error=error, steps=[4e-3, 2e-3, 1e-3], scene=scene, fidelity="contact", **others) for scene, error in errors.items()], ignore_index=True)
+    return pd.concat([series(error=error, steps=[4e-3, 2e-3, 1e-3], scene=scene, fidelity="contact", **others) for scene, error in errors.items()], ignore_index=True)
 
 
 def test_a_limit_is_said_from_all_cases():
     """An engine whose error is level in one case and falls in the others: by that case alone it was said to be limited by its contacts."""
-    alone, together = (ladder_end(of_cases(errors), POSITION) for errors in ({"case 1": MOREAU["case 1"]}, MOREAU))
-    assert alone.because == UNKNOWN and together.because == INTEGRATION and together.error == 3.90e-3
+    alone, together = (limit_of(of_cases(errors), POSITION) for errors in ({"case 1": MOREAU["case 1"]}, MOREAU))
+    assert alone.because == UNKNOWN and together.because == INTEGRATION
     level = {scene: [error[0], 1.01 * error[0], error[0]] for scene, error in MOREAU.items()}
-    assert ladder_end(of_cases(level), POSITION).because == MODEL
+    assert limit_of(of_cases(level), POSITION).because == MODEL
     mixed = {**level, "case 3": [1e-1, 1e-2, 1e-3]}
-    assert ladder_end(of_cases(mixed), POSITION).because == UNKNOWN
+    assert limit_of(of_cases(mixed), POSITION).because == UNKNOWN
 
 
 def test_an_order_is_a_fit_over_all_cases_with_its_interval():
@@ -148,7 +149,7 @@ def test_an_order_is_a_fit_over_all_cases_with_its_interval():
 
 
 def test_the_table_goes_down_to_the_first_error_that_is_not_reached():
-    flat, deep = ladder("flat", error=[9.9e-4, 9.7e-4, 9.5e-4], engine="e"), ladder("deep", error=[1e-2, 1e-4, 1e-6], engine="e", method="accelerations")
+    flat, deep = series("flat", error=[9.9e-4, 9.7e-4, 9.5e-4], engine="e"), series("deep", error=[1e-2, 1e-4, 1e-6], engine="e", method="accelerations")
     times = pd.concat([samples(table, [1.0, 2.0, 4.0]) for table in (flat, deep)])
     table = equal_error(pd.concat([flat, deep], ignore_index=True), times)
     found = {variant: rows.set_index("error") for variant, rows in table.groupby("variant")}
@@ -163,12 +164,12 @@ def test_scenes_keep_their_own_times_and_have_one_limit():
     found = equal_error(tables, samples(tables, 6 * [1.0, 2.0, 4.0]))
     found = found[found["variant"] == "a"]
     assert list(found["scene"].unique()) == list(MOREAU) and set(found["because"]) == {INTEGRATION}
-    ends = found.groupby("scene")["ladder ends at"].first()
+    ends = found.groupby("scene")[SMALLEST].first()
     assert dict(ends) == {scene: min(error) for scene, error in MOREAU.items()}
 
 
 def test_on_runs(in_this_process, monkeypatch):
-    """The reference reaches a tighter error in more time; what it costs is what the ladder's own runs cost."""
+    """The reference reaches a tighter error in more time; what it costs is what the series's own runs cost."""
     scene = load_scene("pendulum")
     ways = (Variant("reference", "reference", "rtol", (1e-4, 1e-6, 1e-8)), Variant("paper", "reference", "dt", (1e-2, 5e-3, 2.5e-3), settings={"method": "paper"}))
     monkeypatch.setattr(cost_study, "cost_variants", lambda engines, depth: ways)
@@ -176,7 +177,7 @@ def test_on_runs(in_this_process, monkeypatch):
     table, times = found.tables["equal-error"], found.tables["times"]
     rows = table[table["quantity"] == "position"]
     assert set(rows["scene"]) == {"pendulum"} and set(rows["because"]) == {INTEGRATION}
-    assert rows.groupby("variant")["ladder ends at"].first()["reference"] < 1e-6
+    assert rows.groupby("variant")[SMALLEST].first()["reference"] < 1e-6
     assert (rows[OWN_CPU].dropna() > 0).all() and set(times["round"]) == {1} and len(found.timed) == len(found.tables["cost"]) == 6
 
 
@@ -186,6 +187,6 @@ def test_every_scene_has_an_independent_truth(name):
 
 
 def test_ladders_without_any_error_are_an_empty_table():
-    table = ladder(error=[np.nan, np.nan], status=["failed", "failed"])
+    table = series(error=[np.nan, np.nan], status=["failed", "failed"])
     found = equal_error(table, samples(table.iloc[:0], []).reindex(columns=["key", "round", OWN_CPU, "cpu [s]"]))
     assert found.empty and {OWN_CPU, LOW, HIGH, "because"} <= set(found)

@@ -169,11 +169,13 @@ def test_of_what_the_paper_leaves_open_only_gravity_decides(overrides, threshold
 
 
 def row_of(threshold, stick, said, reason=""):
-    return Outcome("a choice", "ok", Sensitivity(threshold, {"stick time per period, case 1 [s]": stick}, {"case 1: words": said}, reason))
+    numbers = {"threshold on F0 [N]": threshold, "stick time per period, case 1 [s]": stick}
+    known = {name: number for name, number in numbers.items() if number is not None}
+    return Outcome("a choice", "ok", Sensitivity(known, {"case 1: words": said}, reason))
 
 
 def test_what_depends_on_what_the_paper_leaves_open():
-    """A verdict and a number that change are named; sampling and rounding are no change; a choice that is lost has its reason."""
+    """A verdict and a number that change are named; sampling and rounding are no change; a choice that failed has its reason."""
     outcomes = [row_of(4.0, 0.5, HOLDS), row_of(4.0 * (1 + 1e-6), 0.5, HOLDS), row_of(4.4, 0.0, FAILS), row_of(None, 0.5, HOLDS, "no stick phase down to 1 mN"),
                 Outcome("a choice", "timed out", reason="no result within 240 s"), *[row_of(4.0, 0.5, HOLDS)] * (len(CHOICES) - 5)]
     table = sensitivity_comparison(CASES).tabulate(outcomes)
@@ -187,7 +189,7 @@ def test_what_depends_on_what_the_paper_leaves_open():
     assert first_lost["claims that change"].iloc[1].startswith("not known")
 
 
-def test_a_choice_without_a_steady_state_is_told_by_case(monkeypatch):
+def test_a_choice_without_a_steady_state_is_reported_by_case(monkeypatch):
     """Case 2 without a steady state: the other cases keep their numbers, and the row says why those of case 2 are missing."""
     def steady(scene):
         if scene.name == CASES[2].name:

@@ -135,7 +135,7 @@ def test_a_paper_never_takes_the_place_of_its_run(out, report_folder, tmp_path):
     run = tmp_path / "a" / "run"
     shutil.copytree(report_folder, run)
     ended = CliRunner().invoke(app, ["paper", str(run), "--out", str(run / out)])
-    assert ended.exit_code == 2 and "expected a place apart from it" in ended.output
+    assert ended.exit_code == 2 and "expected another place" in ended.output
     assert content(run) == content(report_folder) and [path.name for path in (tmp_path / "a").iterdir()] == ["run"]
 
 

@@ -74,9 +74,11 @@ def _default(field: FieldInfo) -> str:
     default = field.default
     if isinstance(default, BaseModel):
         return f"`method = \"{default.method}\"`"
-    if isinstance(default, tuple):
-        return f"`[{', '.join(f'{value:g}' for value in default)}]`"
-    return {type(None): "none", str: "empty", dict: "none"}.get(type(default)) or f"`{default:g}`"
+    return {type(None): "none", str: "empty", dict: "none"}.get(type(default)) or f"`{_toml(default)}`"
+
+
+def _toml(value: Any) -> str:
+    return f"[{', '.join(map(_toml, value))}]" if isinstance(value, tuple) else f"{value:g}"
 
 
 def arithmetic() -> str:

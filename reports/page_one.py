@@ -77,7 +77,7 @@ def page_one(report: Report, picture: str, origin: str) -> str:
              "\n".join([*(_filled(f"**Answer.** {text}") for text in answer[:1]), *map(_item, answer[1:])])]
     if table.groups:
         right = [False] + [True] * (len(table.heads) - 1)
-        parts += [aligned(table.heads, list(table.rows), right), _filled(HOW_TO_READ)]
+        parts += [aligned(table.heads, list(table.rows), right, WIDTH), _filled(HOW_TO_READ)]
     parts += ["\n".join(_item(f"**{title}.** {part.text}") for title, part in bullets(report)),
               _filled(" ".join(filter(None, (runs_in_words(results).text, origin, not_installed(results)))))]
     return "\n\n".join(filter(None, parts))

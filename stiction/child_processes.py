@@ -17,7 +17,7 @@ from types import FrameType
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 _IMPORTED = ("stiction.silent_interrupt", "stiction.reference_impl.integration.paper_scheme",
              "stiction.engines.isolation")
-"""What a run of the reference needs."""
+"""Imports of a run of the reference."""
 _AS_HERE = ("pandas", "scipy.spatial")  # half as long again: only where the caller has them
 
 

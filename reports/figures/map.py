@@ -17,7 +17,7 @@ SCALE, MISSING = "cividis", "#FFFFFF"
 
 UNITS = {AMPLITUDE: "N", "amplitude": "N", "frequency": "rad/s", "phase": "rad", "mass": "kg", "inertia": "kg m$^2$",
          "mu": "-", "mus": "-", "length": "m", "width": "m"}
-"""By the last part of an axis' key; the units of a scene's parameters are not known."""
+"""Units by the last part of an axis' key; those of a scene's parameters are not known."""
 
 
 def sweep_drawings(sweep: Sweep) -> Iterator[Drawing]:

@@ -1,9 +1,8 @@
-"""What all figures share: sizes, type, colours that the colour-blind can distinguish, legends outside of the data."""
+"""The common style of figures: sizes, type, colours that the colour-blind can distinguish, legends outside the data."""
 
 from __future__ import annotations
 
 import os
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -33,13 +32,13 @@ COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}
 """Widths of figures, inches: one column (84 mm) and both (174 mm) of a journal page; type is printed in its size."""
 DPI = 200
 KINDS = ("svg", "pdf")
-"""Of files of a figure: for reports and pages, and for papers."""
+"""Kinds of files of a figure: for reports and pages, and for papers."""
 SHARE = 4
 """Figures that it takes to keep a process busy for longer than it takes to start."""
 SEPARATE = 2.0
 """Ratio of two values of a logarithmic axis whose labels do not touch."""
 LEGEND_ROWS = 3
-"""Of a legend, for which the heights of figures leave room."""
+"""Rows of a legend, for which the heights of figures leave room."""
 
 # Okabe & Ito's palette, without its yellow, too light for a line on white, and its black, which is the truth's
 COLORS = ("#332288", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
@@ -49,7 +48,7 @@ DASHES: Sequence[Any] = (
                                       (9, 1.5, 2, 1.5), (2, 2), (7, 1, 1, 1, 1, 1, 1, 1), (4, 4))))
 MARKERS = "osD^vPX<>*hpd8"
 FILLS = {"joint": ("full", "left"), "contact": ("none", "top")}
-"""Of markers, by fidelity: the second where the first has been used with all `MARKERS`."""
+"""Fills of markers, by fidelity: the second where the first has been used with all `MARKERS`."""
 
 _RC = {
     "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "mathtext.fontset": "dejavusans", "font.size": 8,
@@ -73,11 +72,6 @@ class Drawing:
     name: str
     caption: str
     figure: Figure
-
-    @property
-    def alt(self) -> str:
-        """Text for readers who do not see it: the caption's first sentence, fit for the brackets of Markdown."""
-        return re.split(r"\.(?: (?=[A-Z])|$)", self.caption)[0].translate(str.maketrans("[]", "()"))
 
 
 @dataclass(frozen=True)

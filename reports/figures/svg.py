@@ -19,6 +19,12 @@ def lean(svg: str) -> str:
     ElementTree.register_namespace("xlink", "http://www.w3.org/1999/xlink")
     root = ElementTree.fromstring(svg)
     _drop(root)
+    for group in root.iter(f"{SVG}g"):  # marks of one line have one style
+        marks = {(mark.tag, mark.get("style")) for mark in group}
+        if len(marks) == 1 and (mark := marks.pop())[0] == f"{SVG}use" and mark[1] and not group.get("style"):
+            group.set("style", mark[1])
+            for child in group:
+                child.attrib.pop("style")
     used = set(_REFERENCE.findall(svg))
     names = {name: f"i{number}" for number, name in enumerate(sorted(used & {each.get("id") for each in root.iter()}))}
     styles: dict[str, str] = {}

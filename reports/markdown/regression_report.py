@@ -1,4 +1,4 @@
-"""What a night or a check found, for people (Markdown) and for machines (JSON)."""
+"""Findings of a night or a check, for people (Markdown) and for machines (JSON)."""
 
 from __future__ import annotations
 

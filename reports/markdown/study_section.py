@@ -23,7 +23,8 @@ def study_section(study: Study, said: Presentation, drawings: Mapping[str, Drawi
 
 def figure(drawing: Drawing) -> str:
     """Write a picture with its caption, and a link to its PDF."""
-    return f"![{drawing.alt}](figures/{drawing.name}.svg)\n\n{drawing.caption} ([PDF](figures/{drawing.name}.pdf))"
+    file = f"figures/{drawing.name}"
+    return f"![{drawing.name}]({file}.svg)\n\n{drawing.caption} ([PDF]({file}.pdf))"
 
 
 def table(view: TableView) -> str:

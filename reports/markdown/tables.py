@@ -15,8 +15,8 @@ ROWS, WIDTH = 10, 100
 """Rows of a table that is made to fit, and characters of its lines, at most."""
 LONGEST = (48, 36, 24)
 """Characters of its words, at most: the shorter, the narrower is the table."""
-PADDED = 16
-"""Width up to which the cells of a column are padded to the same: numbers line up, and words waste no room."""
+PADDED = 8
+"""Width up to which the cells of a column are padded to the same: most numbers line up, and words waste no room."""
 
 
 def markdown(table: pd.DataFrame) -> str:
@@ -28,10 +28,10 @@ def markdown(table: pd.DataFrame) -> str:
     return aligned([str(name) for name in table], rows, [is_numeric(table[name]) for name in table])
 
 
-def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[bool]) -> str:
-    """Write text in columns, numbers to the right; cells longer than `PADDED` stand out of their column."""
+def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[bool], padded: int = PADDED) -> str:
+    """Write text in columns, numbers to the right; cells longer than `padded` stand out of their column."""
     lines = [[text.replace("|", "\\|") for text in line] for line in (heads, *rows)]  # a bar would end the cell
-    widths = [min(max(map(len, column)), PADDED) for column in zip(*lines)]
+    widths = [min(max(map(len, column)), padded) for column in zip(*lines)]
     shown = [[text.rjust(width) if numbers else text.ljust(width) for text, width, numbers in zip(line, widths, right)]
              for line in lines]
     rules = ["-" * max(width - 1, 1) for width in widths]

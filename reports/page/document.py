@@ -91,7 +91,7 @@ def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]], rig
           links: Sequence[str] = ()) -> str:
     """Write a table of text; `links`: where the last cell of each row leads."""
     def cell(kind: str, text: str, number: bool, scope: str = "", link: str = "") -> str:
-        kinds = ' class="number"' if number else ' class="long"' if len(text) > LONG else ""
+        kinds = " class=n" if number else ' class="long"' if len(text) > LONG else ""
         shown = f'<a href="{escape(link)}">{escape(text)}</a>' if link else escape(text)
         return f"<{kind}{kinds}{scope}>{shown}</{kind}>"
 

@@ -18,9 +18,9 @@ from stiction.scenes.pictures.picture import CYCLE
 from stiction.scenes.pictures.web import LONG, Columns
 
 COLORS = ("ink", *CYCLE[1:])
-"""By variant, the first again after the last."""
+"""Colours by variant, the first again after the last."""
 DASHES = ((), (6, 3), (2, 3), (8, 3, 2, 3), (14, 4), (14, 4, 2, 4))
-"""Of lines, px, by step size or tolerance of a variant."""
+"""Dashes of lines, px, by step size or tolerance of a variant."""
 HINT = "Drag to zoom, double-click to reset; with the keyboard +, - and 0."
 MOST_FAILED = 200
 """Failed runs are listed up to this number, the latest first."""

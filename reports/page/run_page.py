@@ -18,7 +18,7 @@ from stiction.reports.page_one import HOW_TO_READ, TITLE, bullets, headline_tabl
 from stiction.reports.report import Report, report_of
 from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import described, keys, resolve
+from stiction.reports.run_folder.trace import keys, resolve
 from stiction.scenes import InputError
 
 HINT = ("The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard "
@@ -89,9 +89,11 @@ def _anchor(key: str) -> str:
 
 
 def _origin_of(run: StoredRun, key: str) -> str:
-    """What `stiction trace` says of a key, in brief: the rows of the data, files and runs."""
-    about = [value for what, value in described(run, resolve(run, key)) if what in ("data", "file", "key")]
-    return f'<p id="{_anchor(key)}"><strong>{escape(key)}</strong>: {escape("; ".join(about))}</p>\n'
+    """The rows of the data and the files behind a key, in brief, or the runs where no trajectory is stored."""
+    source = resolve(run, key)
+    runs = source.rows["key"].dropna() if "key" in source.rows and not source.files else ()
+    about = "; ".join([source.place, *source.files, *dict.fromkeys(runs)])
+    return f'<p id="{_anchor(key)}"><strong>{escape(key)}</strong>: {escape(about)}</p>\n'
 
 
 def _origin(run: StoredRun) -> Iterator[tuple[str, str]]:

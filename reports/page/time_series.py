@@ -25,11 +25,13 @@ from stiction.scenes.pictures.web import LONG, Columns, force_columns, load_sign
 SAMPLE = 0.02
 """s; samples shown, besides both sides of every event and what lines between them would leave out."""
 VISIBLE = 0.005
-"""Of the range of a panel: what a line between two samples may leave out."""
+"""Share of the range of a panel that a line between two samples may leave out."""
+APART = 0.04
+"""s; between two differences from the truth."""
 SMALLEST, DECADE = 1e-17, 0.02
 """Smaller differences are none and have no logarithm; to how much logarithms are kept (half of it: 2 %)."""
 RESOLUTION = 1e-3
-"""Of the range of a panel, or of a column that moves the mechanism: numbers are kept to half of it, a line's width."""
+"""Share of the range of a panel, or of a column that moves the mechanism; numbers are kept to half of it."""
 MOST_PANELS = 12
 TRUTHS = " of the truth"
 """Ending of a truth's columns beside those of a run."""
@@ -76,7 +78,7 @@ def _curves(results: Results, scene: str) -> Iterator[Curve]:
 
 
 def _panels(scene: Scene, curves: Sequence[Curve]) -> dict[str, str]:
-    """By column the words above its panel, of at most `MOST_PANELS`."""
+    """Words above the panel of each column, at most `MOST_PANELS`."""
     columns = dict.fromkeys(column for curve in curves for column in curve.frame)
     panels = {column: f"{words} {column if words == CORNER else column.rpartition('.')[0]} [{unit_of(column, scene)}]"
               for pattern, words in QUANTITIES.items() for column in columns if re.search(pattern, column)}
@@ -141,7 +143,7 @@ def _film(scene: Scene, frame: pd.DataFrame) -> dict[str, Any]:
 
 
 def _range(column: str, curves: Sequence[Curve]) -> list[float]:
-    """Of the first curve that knows the column, truth or best run: spikes of an engine leave the panel."""
+    """The range of the first curve that knows the column, truth or best run: spikes of an engine leave the panel."""
     known = (curve.frame[column].dropna() for curve in curves if column in curve.frame)
     values = next(filter(len, known), np.zeros(1))
     low, high = float(values.min()), float(values.max())
@@ -170,7 +172,7 @@ def decimated(frame: pd.DataFrame, ranges: Mapping[str, Sequence[float]]) -> pd.
     t = frame["t"].to_numpy()
     rows = np.arange(len(t))
     twice = np.flatnonzero(np.diff(t) == 0.0)
-    kept = np.unique([*_one_per_sample(t), *twice, *(twice + 1), len(t) - 1])
+    kept = np.unique([*_one_per(SAMPLE, t), *twice, *(twice + 1), len(t) - 1])
     for _ in range(2):
         missed = np.zeros(len(t))
         for column, (low, high) in ranges.items():
@@ -182,13 +184,13 @@ def decimated(frame: pd.DataFrame, ranges: Mapping[str, Sequence[float]]) -> pd.
     return frame.iloc[kept]
 
 
-def _one_per_sample(t: np.ndarray) -> np.ndarray:
-    """The first row of each `SAMPLE`."""
-    return np.unique(np.floor(t / SAMPLE + 1e-6), return_index=True)[1]
+def _one_per(step: float, t: np.ndarray) -> np.ndarray:
+    """The first row of each step."""
+    return np.unique(np.floor(t / step + 1e-6), return_index=True)[1]
 
 
 def difference(curve: Curve, columns: Sequence[str]) -> pd.DataFrame:
-    """Return ``t`` and logarithms (base 10) of sizes of differences from the truth, one per `SAMPLE` of both.
+    """Return ``t`` and logarithms (base 10) of sizes of differences from the truth, one per `APART`.
 
     Without a truth there are no rows.
     """
@@ -197,7 +199,7 @@ def difference(curve: Curve, columns: Sequence[str]) -> pd.DataFrame:
     ours, theirs = _samples(curve.frame), _samples(truth_frame(curve.truth)).add_suffix(TRUTHS)
     rows = pd.merge_asof(ours, theirs, left_on="t", right_on="t" + TRUTHS, tolerance=1e-9, direction="nearest")
     rows = rows[rows["t" + TRUTHS].notna()]
-    rows = rows.iloc[_one_per_sample(rows["t"].to_numpy())]
+    rows = rows.iloc[_one_per(APART, rows["t"].to_numpy())]
     found = {"t": rows["t"]}
     for column in columns:
         if column + TRUTHS in rows and column in rows:

@@ -1,4 +1,4 @@
-"""What an author takes from a run: figures, tables, methods and a paper, for LaTeX and, through Typst, as a PDF."""
+"""The folder for an author: figures, tables, methods and a paper, for LaTeX and, through Typst, as a PDF."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MAIN = "paper.pdf"
 SHORT, PAGE_SIGNS = 24, 118
 """Signs of a cell that is not broken, and of a line of 174 mm in type of 7 points."""
 AUTHORS = ("the stiction authors",)
-"""As in ``CITATION.cff``, unless others are named."""
+"""Authors as in ``CITATION.cff``, unless others are named."""
 TRACING = (
     "The last column of a table is a key. Its letter names a table of the run's data, its numbers the rows, from 1: "
     "A12 row 12 of data/accuracy.csv, J16-30 are rows 16 to 30 of data/torque.csv, which the numbers here sum up. The "

@@ -18,7 +18,7 @@ from stiction.comparisons.atomic_files import NotWritten, partial_name
 from stiction.scenes import StictionError
 
 PROVENANCE = "provenance.json"
-"""What makes a folder a run folder; lists its files under ``"files"``."""
+"""The file that makes a folder a run folder; lists its files under ``"files"``."""
 
 
 class FolderRefused(StictionError):

@@ -1,4 +1,4 @@
-"""Where the numbers come from: versions, machine, commit, settings, and the choices that the paper leaves open."""
+"""Provenance of the numbers: versions, machine, commit, settings, and the choices that the paper leaves open."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CHOICES = {
     "start": "slider at rest at x = L0, the bar horizontal and already turning at w0",
     "friction": "of the two coefficients mus, the larger, is the static one",
 }
-"""What the paper does not say, or what our copy of its text has lost, and what the scenes say instead."""
+"""Choices of the scenes where the paper, or our copy of its text, says nothing."""
 
 
 def provenance(results: Results) -> dict[str, Any]:

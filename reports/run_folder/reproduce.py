@@ -1,4 +1,4 @@
-"""What it takes to make the numbers of a run again: packages, code, scenes, the commands of campaign and runs."""
+"""Means to make the numbers of a run again: packages, code, scenes, the commands of campaign and runs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stiction.scenes.wording import as_given
 
 FOLDER = "reproduce"
 OPTIONS = ("t_end", "dt", "rtol", "output_step", "fidelity")
-"""Of `stiction run`; what else a run is called with is a setting of the engine."""
+"""Options of `stiction run`; all other arguments of a run are settings of the engine."""
 _STEPS = """\
 # Make these numbers again
 

@@ -31,7 +31,7 @@ _KEY = re.compile(r"(?:([A-Z])|([\w-]+):)(\d+(?:-\d+(?:/[1-9]\d*)?)?(?:,\d+(?:-\
 
 @dataclass(frozen=True)
 class Source:
-    """What a key leads to.
+    """The rows and files that a key leads to.
 
     Attributes
     ----------

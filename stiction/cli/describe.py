@@ -1,4 +1,4 @@
-"""What there is to run, and what is made of a scene: ``scenes``, ``engines``, ``explain``, ``export``."""
+"""Lists of scenes and engines, and what is made of a scene: ``scenes``, ``engines``, ``explain``, ``export``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a command ends with: exit codes, and the errors that lead to them."""
+"""Exit codes, and the errors that lead to them."""
 
 from __future__ import annotations
 

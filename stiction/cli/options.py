@@ -130,7 +130,7 @@ def scene_of(name: str, overrides: Sequence[str]) -> Scene:
 
 
 def _scene_names(begun: str) -> list[str]:
-    """What a shell completes; where no name fits, it goes on with files."""
+    """Names that a shell completes; where none fits, it goes on with files."""
     from stiction.scenes import catalogue
 
     return [name for name in (*catalogue(), *catalogue("hard")) if name.startswith(begun)]

@@ -21,10 +21,7 @@ def paper(run: RunFolder,
           )] = "double",
           author: Annotated[list[str] | None, typer.Option(
               metavar="NAME", help="Below the title; once for each.")] = None) -> None:
-    """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF.
-
-    The same run gives the same bytes.
-    """
+    """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF; reproducible to the byte."""
     from stiction.reports import check_folder
     from stiction.reports.figures.style import COLUMNS
     from stiction.reports.paper import AUTHORS, MAIN, write_paper

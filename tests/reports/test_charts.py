@@ -170,8 +170,3 @@ def test_figures_of_nothing(panels: Sequence[Panel]):
 def test_another_kind_of_figure_is_refused_in_words():
     with pytest.raises(TypeError, match="found a str; expected Chart, HeatMap or MechanismPicture"):
         draw("a figure", {})
-
-
-def test_figures_are_told_to_those_who_do_not_see_them():
-    assert Drawing("f", "Case 1: velocity [m/s] (the paper's Fig. 5). More.", Figure()).alt == "Case 1: velocity (m/s) (the paper's Fig. 5)"
-    assert Drawing("f", "One sentence.", Figure()).alt == "One sentence"

@@ -20,7 +20,8 @@ FONT = "font-family: 'DejaVu Sans', sans-serif"
 
 def picture(content: str) -> str:
     """As matplotlib writes it."""
-    return ('<?xml version="1.0"?>\n<svg xmlns:xlink="http://www.w3.org/1999/xlink" xmlns="http://www.w3.org/2000/svg"><metadata>m</metadata>\n'
+    return ('<?xml version="1.0"?>\n<svg xmlns:xlink="http://www.w3.org/1999/xlink" xmlns="http://www.w3.org/2000/svg">'
+            '<metadata>m</metadata>\n'
             f'<defs><style type="text/css">*{{}}</style></defs><g id="a_1"><g id="text_1">{content}</g></g></svg>')
 
 
@@ -37,8 +38,9 @@ def test_texts_stay_and_places_to_a_hundredth(words, x):
 @given(st.lists(st.tuples(st.floats(0, 500), st.floats(0, 500)), min_size=LONG + 1, max_size=60), st.booleans())
 def test_every_corner_of_a_line_stays_to_a_twentieth_of_a_point(places, closed):
     """Two lines; each begins anew, wherever the one before it has ended."""
-    lines = " \n".join(f"M {first[0]:.6f} {first[1]:.6f} \n" + "".join(f"L {x:.6f} {y:.6f} \n" for x, y in rest) + "z \n" * closed
-                       for first, *rest in (places, places[::-1]))
+    corners = [zip("M" + "L" * len(places), line) for line in (places, places[::-1])]
+    end = "z \n" * closed
+    lines = end.join("".join(f"{command} {x:.6f} {y:.6f} \n" for command, (x, y) in line) for line in corners) + end
     [path] = ElementTree.fromstring(lean(picture(f'<path d="{lines}" style="fill: none"/>'))).iter(f"{SVG}path")
     at, start, found = np.zeros(2), np.zeros(2), []
     for command, x, y in re.findall(r"([mlz])(?:(-?[\d.]+) ?(-?[\d.]+))?", path.get("d")):
@@ -52,7 +54,8 @@ def test_every_corner_of_a_line_stays_to_a_twentieth_of_a_point(places, closed):
 
 def test_styles_stand_once_and_what_is_referred_to_keeps_a_name():
     style = "fill: url(#h0a1b2c3); stroke: #332288"
-    made = lean(picture(f'<defs><pattern id="h0a1b2c3"/></defs><path id="p" d="M 0 0" style="{style}"/><path d="M 1 1" style="{style}"/>'))
+    paths = "".join(f'<path id="p{x}" d="M {x} {x}" style="{style}"/>' for x in (0, 1))
+    made = lean(picture(f'<defs><pattern id="h0a1b2c3"/></defs>{paths}'))
     root = ElementTree.fromstring(made)
     [name] = {path.get("class") for path in root.iter(f"{SVG}path")}
     [pattern] = root.iter(f"{SVG}pattern")

@@ -114,7 +114,7 @@ def test_it_is_in_the_report_and_on_the_terminal(run):
     page, section = text.partition("\n## ")[0], text.partition(f"\n## {QUESTION}\n")[2].partition("\n## ")[0]
     assert f"**Toy.** {ANSWER}" in page and "slides [m]" in page and "1.83486" in page
     assert all(part in section for part in (ANSWER, "Paths by speed.", "path [cm]", CELL, "- Friction is dry.", "(figures/toy-paths.svg)"))
-    assert (run.folder / "figures" / "toy-paths.png").is_file() and len(run.tables["toy"]) == 3
+    assert (run.folder / "figures" / "toy-paths.svg").is_file() and len(run.tables["toy"]) == 3
     results = run.validation()
     assert f"Toy: {ANSWER}" in list(answer_lines(report_of(results)))
 

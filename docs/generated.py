@@ -1,6 +1,7 @@
 """Parts of the pages that follow from the code; tests hold them to it. ``python docs/generated.py`` writes them anew.
 
-A part stands in a page between ``<!-- generated: NAME -->``, a name of `GENERATED` with its argument, and ``<!-- end -->``.
+A part stands in a page between ``<!-- generated: NAME -->``, a name of `GENERATED` with its argument, and
+``<!-- end -->``.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from pydantic.fields import FieldInfo
 
 import stiction
 from stiction.comparisons.campaigns import history
-from stiction.engines import Engine, EngineMissing, load_engine
+from stiction.engines import EngineMissing, load_engine
 from stiction.reference_impl import paper
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS
 from stiction.scenes import catalogue, load_scene, new_scene_text
@@ -26,8 +27,7 @@ from stiction.scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
 from stiction.scenes.expressions import CONSTANTS, FUNCTIONS
 from stiction.scenes.model import Scene
 from stiction.cli.app import app
-from stiction.cli.describe import table_of_defaults
-
+from stiction.cli.describe import fidelities_of, table_of_defaults
 
 PART = re.compile(r"^(<!-- generated: ([\w -]+) -->\n).*?(^<!-- end -->$)", re.MULTILINE | re.DOTALL)
 
@@ -51,43 +51,44 @@ def write(folder: Path) -> None:
 
 
 def _table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [columns, ["---"] * len(columns), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in line) + " |" for line in lines) + "\n"
+    lines = [" | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in line) for line in (columns, *rows)]
+    return "".join(f"| {line} |\n" for line in (lines[0], " | ".join(["---"] * len(columns)), *lines[1:]))
 
 
 def scene_format() -> str:
     """A table for the top of the file and for every kind of element."""
     parts = [("Top of the file", Scene), ("`[bodies.NAME]`", *ELEMENTS["bodies"].values())]
     for section in ("joints", "drives", "springs", "forces"):
-        parts += [(f"`[{section}.NAME]`" + (f", `type = \"{tag}\"`" if tag else ""), model) for tag, model in ELEMENTS[section].items()]
+        parts += [(f"`[{section}.NAME]`" + (f", `type = \"{tag}\"`" if tag else ""), model)
+                  for tag, model in ELEMENTS[section].items()]
     parts += [(f"`law = {{ type = \"{tag}\", .. }}`", model) for tag, model in LAWS.items()]
     parts += [(f"`[stabilization]`, `method = \"{tag}\"`", model) for tag, model in STABILIZATIONS.items()]
-    return "\n".join(f"### {title}\n\n{_text(model)}\n\n" + _table(("key", "if not given", "what"), _keys(model)) for title, model in parts)
-
-
-def _keys(model: type[BaseModel]) -> Iterator[tuple[str, str, str]]:
-    for key, field in model.model_fields.items():
-        yield f"`{key}`", _default(field), field.description or ""
+    return "\n".join(f"### {title}\n\n{_text(model)}\n\n" + _table(("key", "if not given", "what"), (
+        (f"`{key}`", _default(field), field.description or "") for key, field in model.model_fields.items()))
+        for title, model in parts)
 
 
 def _default(field: FieldInfo) -> str:
     if field.is_required():
         return "required"
-    return {type(None): "none", str: "empty", dict: "none"}.get(type(field.default)) or (
-        f"`method = \"{field.default.method}\"`" if isinstance(field.default, BaseModel) else f"`{_toml(field.default)}`")
+    default = field.default
+    if isinstance(default, BaseModel):
+        return f"`method = \"{default.method}\"`"
+    return {type(None): "none", str: "empty", dict: "none"}.get(type(default)) or f"`{_toml(default)}`"
 
 
 def _toml(value: Any) -> str:
-    return f"[{', '.join(map(_toml, value))}]" if isinstance(value, tuple) else f'"{value}"' if isinstance(value, str) else f"{value:g}"
+    return f"[{', '.join(map(_toml, value))}]" if isinstance(value, tuple) else f"{value:g}"
 
 
 def arithmetic() -> str:
-    """What arithmetic knows."""
-    return f"Constants: {', '.join(f'`{name}`' for name in CONSTANTS)}. Functions: {', '.join(f'`{name}`' for name in FUNCTIONS)}.\n"
+    """The names that arithmetic knows."""
+    constants, functions = (", ".join(f"`{name}`" for name in names) for names in (CONSTANTS, FUNCTIONS))
+    return f"Constants: {constants}. Functions: {functions}.\n"
 
 
 def new_scene() -> str:
-    """What `stiction new` writes, but for the name of the schema."""
+    """The text that `stiction new` writes, but for the name of the schema."""
     return f"```toml\n{new_scene_text()}```\n"
 
 
@@ -96,39 +97,37 @@ def symbols() -> str:
     lines = inspect.getdoc(paper).splitlines()
     rules = [i for i, line in enumerate(lines) if line.startswith("=====")]
     starts = [found.start() for found in re.finditer("=+", lines[rules[0]])]
-    rows = [[line[start:end].strip() for start, end in zip(starts, [*starts[1:], None])] for line in lines[rules[0] + 1:rules[2]] if not line.startswith("=")]
+    rows = [[line[start:end].strip() for start, end in zip(starts, [*starts[1:], None])]
+            for line in lines[rules[0] + 1:rules[2]] if not line.startswith("=")]
     return _table([name or " " for name in rows[0]], [[f"`{row[0]}`", f"`{row[1]}`", *row[2:]] for row in rows[1:]])
 
 
 def columns() -> str:
-    """Those of every trajectory."""
+    """The columns of every trajectory."""
     return _table(("column", "unit", "what", "of"), [
-        (" ".join([f"`{entry.owner}.{entry.names[0]}`", *(f"`.{name}`" for name in entry.names[1:])]), entry.unit, entry.meaning, entry.where)
-        for entry in COLUMNS])
+        (f"`{entry.owner}.{entry.names[0]}`" + "".join(f" `.{name}`" for name in entry.names[1:]), entry.unit,
+         entry.meaning, entry.where) for entry in COLUMNS])
 
 
 def scenes() -> str:
     """The catalogue."""
-    return _table(("scene", "what"), [(f"`{name}`", load_scene(name).title) for name in (*catalogue(), *catalogue("hard"))])
+    names = *catalogue(), *catalogue("hard")
+    return _table(("scene", "what"), [(f"`{name}`", load_scene(name).title) for name in names])
 
 
 def engine(name: str) -> str:
     """Fidelities, friction laws and settings of an engine."""
     built = load_engine(name)
-    can = built.capabilities
-    rows = [(fidelity, can.friction_law.get(fidelity, ""), "yes" if can.static_coefficient.get(fidelity) else "no") for fidelity in can.fidelities]
-    return (f"### {name}\n\nOrder {can.order}, reactions from {can.reactions}.\n\n"
-            + _table(("fidelity", "friction law, and who supplies it", "mus"), rows) + f"\n{_text(type(built))}\n\n" + _defaults(built))
-
-
-def _defaults(engine: Engine) -> str:
-    """A table of the settings, if there are any."""
-    heading, *rows = table_of_defaults(engine)
-    return _table(heading, [[cell and f"`{cell}`" for cell in row] for row in rows]) if rows else ""
+    fidelities = [(fidelity, law, mus) for fidelity, mus, law in fidelities_of(built)]
+    heading, *rows = table_of_defaults(built)
+    settings = _table(heading, [[cell and f"`{cell}`" for cell in row] for row in rows]) if rows else ""
+    return (f"### {name}\n\nOrder {built.capabilities.order}, reactions from {built.capabilities.reactions}.\n\n"
+            + _table(("fidelity", "friction law, and who supplies it", "mus"), fidelities)
+            + f"\n{_text(type(built))}\n\n{settings}")
 
 
 def breakdowns() -> str:
-    """Why a run of the reference may end early."""
+    """The reasons why a run of the reference may end early."""
     return _table(("kind", "what it means"), dict.fromkeys((f"`{kind}`", words) for kind, words in BREAKDOWNS.values()))
 
 
@@ -153,13 +152,14 @@ def _commands(command: Any, name: str) -> Iterator[str]:
         default = parameter.get_default(context)
         shown = "required" if parameter.required else "" if default in (None, False, "", (), []) else f"`{default}`"
         rows.append((f"`{label}`", shown, parameter.help or ""))
-    yield f"### {name}\n\n{command.help}\n\n" + (_table(("argument, option", "if not given", "what"), rows) if rows else "")
+    options = _table(("argument, option", "if not given", "what"), rows) if rows else ""
+    yield f"### {name}\n\n{command.help}\n\n{options}"
 
 
 def python() -> str:
     """The public names of `stiction`, their signatures and docstrings."""
-    names = [name for name in stiction.__all__ if name not in ("app", "main")]
-    return "\n".join(_documented(name, getattr(stiction, name)) for name in sorted(names, key=lambda name: (name[0].isupper(), name)))
+    names = sorted(stiction.__all__, key=lambda name: (name[0].isupper(), name))
+    return "\n".join(_documented(name, getattr(stiction, name)) for name in names)
 
 
 def _documented(name: str, thing: Any, level: str = "###") -> str:
@@ -168,10 +168,13 @@ def _documented(name: str, thing: Any, level: str = "###") -> str:
         shown += f"```text\n{name}{_signature(thing)}\n```\n\n"
     shown += _text(thing) + "\n"
     if inspect.isclass(thing):
-        own = [(key, value) for key, value in vars(thing).items() if not key.startswith("_") and (inspect.isfunction(value) or isinstance(value, property))
-               and inspect.getdoc(value) and key != "inconsistencies"]
-        for key, value in own:
-            shown += "\n" + (_documented(f"{name}.{key}", value, "####") if inspect.isfunction(value) else f"#### {key}\n\n{_text(value)}\n")
+        for key, value in vars(thing).items():
+            if key.startswith("_") or key == "inconsistencies" or not inspect.getdoc(value):
+                continue
+            if inspect.isfunction(value):
+                shown += "\n" + _documented(f"{name}.{key}", value, "####")
+            elif isinstance(value, property):
+                shown += f"\n#### {key}\n\n{_text(value)}\n"
     return shown
 
 

@@ -6,70 +6,62 @@ The table is the union of the headlines of the studies, a column each; nothing h
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pandas as pd
 
 from stiction.comparisons.methods import MISSING_ENGINE, grouped_methods
 from stiction.comparisons.presentation.cells import MISSING
-from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.presentation.traced_text import Number, TracedText, count, listed, traced
-from stiction.comparisons.recommendation import mechanism_in_words, recommendation
+from stiction.comparisons.recommendation import mechanism_in_words
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.study import Study
 from stiction.reports.markdown.tables import aligned
+from stiction.reports.report import Report
 
 TITLE = "Which solver gets a sticking slider right? (Zhuang & Wang 2014)"
 WIDTH = 118
 """Characters of a line."""
 INTERRUPTED = "**It was interrupted: all that follows is of the runs that were made until then.**"
-HOW_TO_READ = ("Errors and drift are the worst of all cases, at the step nearest to 1 ms that was run, or the tightest tolerance; CPU time and stick limit "
-               "are of the first case, the limit at its finest step. Joint: ideal guides with a friction law on them. Contact: the slider touches two surfaces. mus = mu: the engine has one coefficient of friction, "
-               "and its truth has, too. Compare methods within a group only.")
-
-
-@dataclass(frozen=True)
-class Group:
-    """Methods that answer one question, and what each headline says of each: None where it says nothing."""
-
-    name: str
-    rows: tuple[tuple[str, tuple[TracedText | None, ...]], ...]
+HOW_TO_READ = (
+    "Errors and drift are the worst of all cases, at the step nearest to 1 ms that was run, or the tightest tolerance; "
+    "CPU time and stick limit are of the first case, the limit at its finest step. Joint: ideal guides with a friction "
+    "law on them. Contact: the slider touches two surfaces. mus = mu: the engine has one coefficient of friction, "
+    "and its truth has, too. Compare methods within a group only.")
 
 
 @dataclass(frozen=True)
 class HeadlineTable:
-    """Headings, the method's first, and the rows by group."""
+    """The table of all methods: headings, the method's first, and by group each method's cells, None where unknown."""
 
     heads: tuple[str, ...]
-    groups: tuple[Group, ...]
+    groups: dict[str, dict[str, list[TracedText | None]]]
 
     @property
-    def cells(self) -> Iterator[list[str]]:
-        """Text, row by row, a row with the name of each group before its methods."""
-        for group in self.groups:
-            yield [f"*{group.name}*", *[""] * (len(self.heads) - 1)]
-            for method, said in group.rows:
-                yield [method, *(MISSING if part is None else part.text for part in said)]
+    def rows(self) -> Iterator[list[str]]:
+        """Text, row by row; a row with the name of each group before its methods."""
+        for name, methods in self.groups.items():
+            yield [f"*{name}*", *[""] * (len(self.heads) - 1)]
+            for method, cells in methods.items():
+                yield [method, *(part.text if part else MISSING for part in cells)]
 
 
-def headline_table(results: Results, said: Mapping[Study, Presentation]) -> HeadlineTable:
-    """The headlines of all studies beside each other, for every method."""
-    headlines = [headline for presentation in said.values() for headline in presentation.headlines]
-    groups = [Group(name, tuple((method, tuple(headline.cells.get(method) for headline in headlines)) for method in methods))
-              for name, methods in grouped_methods(results)]
-    return HeadlineTable(("method", *(headline.label for headline in headlines)), tuple(groups) if headlines else ())
+def headline_table(report: Report) -> HeadlineTable:
+    """Put the headlines of all studies side by side, for every method."""
+    headlines = [headline for presentation in report.said.values() for headline in presentation.headlines]
+    groups = {name: {method: [headline.cells.get(method) for headline in headlines] for method in methods}
+              for name, methods in grouped_methods(report.results)}
+    return HeadlineTable(("method", *(headline.label for headline in headlines)), groups if headlines else {})
 
 
-def bullets(said: Mapping[Study, Presentation]) -> Iterator[tuple[str, TracedText]]:
+def bullets(report: Report) -> list[tuple[str, TracedText]]:
     """Title and answer of the studies that have one for page one."""
-    for study, presentation in said.items():
-        if study.title and study.on_page_one and presentation.answer:
-            yield study.title, presentation.answer
+    return [(study.title, said.answer) for study, said in report.said.items()
+            if study.title and study.on_page_one and said.answer]
 
 
-def page_one(results: Results, said: Mapping[Study, Presentation], picture: str, origin: str) -> str:
-    """The page in Markdown, in lines of at most `WIDTH` characters.
+def page_one(report: Report, picture: str, origin: str) -> str:
+    """Write the page in Markdown, in lines of at most `WIDTH` characters.
 
     Parameters
     ----------
@@ -78,61 +70,65 @@ def page_one(results: Results, said: Mapping[Study, Presentation], picture: str,
     origin
         When and with what it was run, in a line.
     """
-    table = headline_table(results, said)
-    answer = recommendation(results)
-    parts = [f"# {TITLE}", INTERRUPTED if results.settings.get("interrupted") else "", _filled(mechanism_in_words(results)), picture]
-    if answer:
-        first, *others = answer
-        parts.append("\n".join([_filled(f"**Answer.** {first.text}"), *(_item(part.text) for part in others)]))
+    results, table = report.results, headline_table(report)
+    answer = [part.text for part in report.answer]
+    parts = [f"# {TITLE}", INTERRUPTED if results.settings.get("interrupted") else "",
+             _filled(mechanism_in_words(results)), picture,
+             "\n".join([*(_filled(f"**Answer.** {text}") for text in answer[:1]), *map(_item, answer[1:])])]
     if table.groups:
-        parts += [aligned(table.heads, list(table.cells), [False] + [True] * (len(table.heads) - 1)), _filled(HOW_TO_READ)]
-    parts.append("\n".join(_item(f"**{title}.** {told.text}") for title, told in bullets(said)))
-    parts.append(_filled(" ".join(filter(None, (runs_in_words(results).text, origin, not_installed(results))))))
+        right = [False] + [True] * (len(table.heads) - 1)
+        parts += [aligned(table.heads, list(table.rows), right, WIDTH), _filled(HOW_TO_READ)]
+    parts += ["\n".join(_item(f"**{title}.** {part.text}") for title, part in bullets(report)),
+              _filled(" ".join(filter(None, (runs_in_words(results).text, origin, not_installed(results)))))]
     return "\n\n".join(filter(None, parts))
 
 
-def answer_lines(results: Results, said: Mapping[Study, Presentation]) -> Iterator[str]:
+def answer_lines(report: Report) -> Iterator[str]:
     """The answers for a terminal, a line each."""
-    if results.settings.get("interrupted"):
+    if report.results.settings.get("interrupted"):
         yield INTERRUPTED.strip("*")
-    yield from (part.text for part in recommendation(results))
-    yield from (f"{study.title}: {presentation.answer.text}" for study, presentation in said.items() if study.title and presentation.answer)
-    yield " ".join(filter(None, (runs_in_words(results).text, not_installed(results))))
+    yield from (part.text for part in report.answer)
+    yield from (f"{study.title}: {said.answer.text}" for study, said in report.said.items()
+                if study.title and said.answer)
+    yield " ".join(filter(None, (runs_in_words(report.results).text, not_installed(report.results))))
 
 
-def numbers(results: Results, said: Mapping[Study, Presentation]) -> list[Number]:
+def numbers(report: Report) -> list[Number]:
     """Every traced number of the page."""
-    table = headline_table(results, said)
-    told = [part for group in table.groups for _, cells in group.rows for part in cells if part is not None]
-    told += [*recommendation(results), *(answer for _, answer in bullets(said)), runs_in_words(results)]
-    return [number for part in told for number in part.numbers]
+    cells = [part for methods in headline_table(report).groups.values() for row in methods.values() for part in row]
+    answers = [answer for _, answer in bullets(report)]
+    parts = [*filter(None, cells), *report.answer, *answers, runs_in_words(report.results)]
+    return [number for part in parts for number in part.numbers]
 
 
 def not_installed(results: Results) -> str:
-    """The engines that took no part because their package is not there; empty without any."""
-    names = list(dict.fromkeys(record.variant.engine for record in results.records if record.outcome.status == MISSING_ENGINE))
+    """Name the engines that took no part because their package is missing; empty without any."""
+    names = dict.fromkeys(record.variant.engine for record in results.records
+                          if record.outcome.status == MISSING_ENGINE)
     return f"Not installed: {', '.join(names)}; `stiction engines` says how to install them." if names else ""
 
 
 def runs_in_words(results: Results) -> TracedText:
-    """How many runs succeeded, how many of them ended early, and how the others ended; engines that are not installed have none."""
-    made = [record.describe() for record in results.records if record.outcome.status != MISSING_ENGINE]
-    if not made:
-        return TracedText("There were no runs.")
+    """Count the runs that succeeded, that ended early, and that failed; engines that are not installed have none."""
     table = pd.DataFrame([record.describe() for record in results.records])
-    early = frozenset(run["reason"] for run in made if run["status"] == "ok" and run["reason"])
-    failed = dict.fromkeys(run["status"] for run in made if run["status"] != "ok")
-    parts = [traced("{} {}", count("runs", table, status=status), status) for status in failed]
-    parts += [traced("{} of those ended early", count("runs", table, status="ok", reason=early))] if early else []
+    made = table[table["status"] != MISSING_ENGINE] if len(table) else table
+    if made.empty:
+        return TracedText("There were no runs.")
+    ok = made["status"] == "ok"
+    early = frozenset(made.loc[ok & (made["reason"] != ""), "reason"])
+    parts = [traced("{} {}", count("runs", table, status=status), status)
+             for status in made.loc[~ok, "status"].unique()]
+    if early:
+        parts.append(traced("{} of those ended early", count("runs", table, status="ok", reason=early)))
     if not parts:
         return traced("All {} runs succeeded.", count("runs", table, status="ok"))
-    all_made = count("runs", table, status=frozenset(run["status"] for run in made))
-    return traced("{} of {} runs succeeded; {}.", count("runs", table, status="ok"), all_made, listed(parts))
+    everything = count("runs", table, status=frozenset(made["status"]))
+    return traced("{} of {} runs succeeded; {}.", count("runs", table, status="ok"), everything, listed(parts))
 
 
 def _item(text: str) -> str:
-    return textwrap.fill(f"- {text}", WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    return _filled(f"- {text}", "  ")
 
 
-def _filled(text: str) -> str:
-    return textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False)
+def _filled(text: str, indent: str = "") -> str:
+    return textwrap.fill(text, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)

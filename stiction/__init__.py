@@ -2,7 +2,7 @@
 
     from stiction import load_scene, load_engine
 
-Each is loaded when it is asked for, so that ``stiction --help`` answers at once.
+Each is loaded when it is first used, so that ``stiction --help`` answers at once.
 """
 
 from __future__ import annotations
@@ -12,29 +12,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from stiction.engines import (BadTrajectory, Capabilities, Engine, EngineFailure, EngineMissing, Job, Outcome, Refused, UnknownEngine,
-                                  engine_names, load_engine, run_isolated)
+    from stiction.engines import (BadTrajectory, Capabilities, Engine, EngineFailure, EngineMissing, Job, Outcome,
+                                  Refused, UnknownEngine, engine_names, load_engine, run_isolated)
     from stiction.reference_impl.multibody.reactions import recover_columns
-    from stiction.scenes import Breakdown, Cost, Event, InputError, Scene, SceneError, StictionError, Trajectory, load_scene
+    from stiction.scenes import (Breakdown, Cost, Event, InputError, Scene, SceneError, StictionError, Trajectory,
+                                 load_scene)
 
-__all__ = ["BadTrajectory", "Breakdown", "Capabilities", "Cost", "Engine", "EngineFailure", "EngineMissing", "Event", "InputError", "Job",
-           "Outcome", "Refused", "Scene", "SceneError", "StictionError", "Trajectory", "UnknownEngine", "engine_names", "load_engine",
-           "load_scene", "recover_columns", "run_isolated"]
+__all__ = ["BadTrajectory", "Breakdown", "Capabilities", "Cost", "Engine", "EngineFailure", "EngineMissing", "Event",
+           "InputError", "Job", "Outcome", "Refused", "Scene", "SceneError", "StictionError", "Trajectory",
+           "UnknownEngine", "engine_names", "load_engine", "load_scene", "recover_columns", "run_isolated"]
 
 if (_checkout := Path(__file__).parent.parent).joinpath("pyproject.toml").is_file():
-    __path__.append(str(_checkout))  # its packages lie beside this one: found also where the path leads here, or an older installation does
+    __path__.append(str(_checkout))  # a checkout has the packages next to this one
 
-_HOMES = {"stiction.reference_impl.multibody.reactions": ("recover_columns",),
-          "stiction.scenes": ("Breakdown", "Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory", "load_scene"),
-          "stiction.engines": ("BadTrajectory", "Capabilities", "Engine", "EngineFailure", "EngineMissing", "Job", "Outcome", "Refused",
-                               "UnknownEngine", "engine_names", "load_engine", "run_isolated")}
+_OF_SCENES = {"Breakdown", "Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory",
+              "load_scene"}
 
 
 def __getattr__(name: str) -> Any:
-    for module, names in _HOMES.items():
-        if name in names:
-            return getattr(import_module(module), name)
-    raise AttributeError(f"module 'stiction' has no attribute {name!r}")
+    if name not in __all__:
+        raise AttributeError(f"module 'stiction' has no attribute {name!r}")
+    home = ("reference_impl.multibody.reactions" if name == "recover_columns"
+            else "scenes" if name in _OF_SCENES else "engines")
+    return getattr(import_module(f"stiction.{home}"), name)
 
 
 def __dir__() -> list[str]:

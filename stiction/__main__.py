@@ -1,4 +1,4 @@
-"""The command `stiction`, as ``python -m stiction`` too. Children import this module, which therefore imports next to nothing."""
+"""The command `stiction`, as ``python -m stiction`` too; children import this module, so it imports next to nothing."""
 
 import sys
 
@@ -8,7 +8,7 @@ def main() -> None:
     from stiction.child_processes import child_context
 
     if sys.argv[1:2] == ["run"] and "--help" not in sys.argv:
-        child_context()  # what the child imports takes longer than all that is imported here, and is imported beside it
+        child_context()  # the child's imports take longer than all of those here, and are made meanwhile
     from stiction.cli.app import main as command
 
     command()

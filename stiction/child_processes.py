@@ -1,4 +1,4 @@
-"""How child processes are started. Imports nothing of the suite, so that the command can begin with it, before it imports the rest."""
+"""The start and the end of child processes. Imports nothing of the suite: the command begins with it."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from multiprocessing.context import BaseContext
 from types import FrameType
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-_IMPORTED = ("stiction.silent_interrupt", "stiction.reference_impl.integration.paper_scheme", "stiction.engines.isolation")  # what a run of the reference needs
+_IMPORTED = ("stiction.silent_interrupt", "stiction.reference_impl.integration.paper_scheme",
+             "stiction.engines.isolation")
+"""Imports of a run of the reference."""
 _AS_HERE = ("pandas", "scipy.spatial")  # half as long again: only where the caller has them
 
 
 @cache
 def child_context() -> BaseContext:
-    """How processes are started: forked from a server that has made the common imports, where the system can; it takes a tenth of the time.
+    """Return how processes are started: forked, where the system can, from a server that has made the common imports.
 
-    The first call starts the server and does not wait for it: the sooner it is made, the less is waited later.
+    That takes a tenth of the time. The first call starts the server and does not wait for it: the sooner, the better.
     """
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
@@ -36,7 +38,7 @@ def child_context() -> BaseContext:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """An environment in which linear algebra starts no threads, unless the user has said how many: children share the CPUs already."""
+    """Keep linear algebra from starting threads, unless the user has said how many: children share the CPUs already."""
     missing = [name for name in _THREADS if name not in os.environ]
     os.environ |= dict.fromkeys(missing, "1")
     try:
@@ -48,10 +50,10 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def undisturbed_end() -> Iterator[Callable[[], None]]:
-    """An interrupt or SIGTERM ends what is within, as ever; another one does not disturb how it ends.
+    """Let one interrupt or SIGTERM end what is within; another one does not disturb how it ends.
 
-    What comes while an interrupt is being dealt with, as in a ``finally``, is that interrupt again. What comes after the call of what is given waits for
-    the end of this context. In another thread than the main one there are no signals.
+    A signal while an interrupt is being dealt with, as in a ``finally``, is that interrupt again. One that comes after
+    the yielded function was called waits for the end of this context. Other threads than the main one have no signals.
     """
     ending, late = False, 0
 
@@ -69,7 +71,8 @@ def undisturbed_end() -> Iterator[Callable[[], None]]:
         ending = True
 
     here = threading.current_thread() is threading.main_thread()
-    before = {number: handler for number in (signal.SIGINT, signal.SIGTERM) if here and callable(handler := signal.getsignal(number))}
+    before = {number: handler for number in (signal.SIGINT, signal.SIGTERM)
+              if here and callable(handler := signal.getsignal(number))}
     try:
         for number in before:
             signal.signal(number, take)

@@ -1,4 +1,4 @@
-"""To be imported first: an interrupt that comes while the rest is imported ends the process at once, without the traceback of an import.
+"""To be imported first: an interrupt during the other imports ends the process at once, without their traceback.
 
 `stiction.cli.app.main` takes interrupts from there on; children leave them to their parent.
 """

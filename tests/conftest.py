@@ -27,7 +27,7 @@ from stiction.comparisons.variants import Record, Variant
 from stiction.engines import Outcome, isolation
 from stiction.engines.reference import moreau
 from stiction.engines.reference.engine import ReferenceEngine, compile_kernels
-from stiction.reports import write_report
+from stiction.reports import report_of, write_report
 from stiction.scenes import load_scene
 
 
@@ -150,7 +150,7 @@ def report_folder(validation, tmp_path_factory):
     path = place / "report" / "deep" / "run"
     with FileLock(place / "report.lock"):
         if not path.exists():
-            assert write_report(validation, path) == path / "report.md"
+            assert write_report(report_of(validation), path) == path / "report.md"
     return path
 
 

@@ -5,23 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import singledispatch
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
 from matplotlib.axis import Axis as MatplotlibAxis
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
-from stiction.comparisons.presentation.charts import BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap, MechanismPicture, Panel, Series
+from stiction.comparisons.presentation.charts import (BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap,
+                                                      MechanismPicture, Panel, Series)
 from stiction.comparisons.results import Results
-from stiction.reports.figures.style import COLORS, SHADE, TRUTH_COLOR, Drawing, Look, legend, letter, looks_of, narrow, panels, tick_at, variants_of, width
+from stiction.reports.figures.style import (COLORS, SHADE, TRUTH_COLOR, Drawing, Look, legend, letter, looks_of, narrow,
+                                            panels, tick_at, variants_of, width)
 from stiction.scenes import load_scene
 from stiction.scenes.pictures.mechanism import drawing as mechanism_drawing
 
-OWN_LOOKS = {TRUTH: Look("#000000", "-", ""), LIMIT: Look(TRUTH_COLOR, ":", ""), "": Look("#000000", "-", "o"), OTHER: Look(TRUTH_COLOR, "-", "."),
-             CHOSEN: Look(COLORS[1], "-", "D", "none"), BETTER: Look(COLORS[2], "-", "D")}
+PLAIN = Look("#000000", "-", "o")
+OWN_LOOKS = {TRUTH: Look("#000000", "-", ""), LIMIT: Look(TRUTH_COLOR, ":", ""), "": PLAIN,
+             OTHER: Look(TRUTH_COLOR, "-", "."), CHOSEN: Look(COLORS[1], "-", "D", "none"),
+             BETTER: Look(COLORS[2], "-", "D")}
 """Looks that are no variant's."""
 LEGEND, MARGIN = 0.75, 0.45
 """Inches that the legend and the labels of the x axes take."""
@@ -34,24 +39,23 @@ TEXT = 1.2
 
 
 def drawn(figures: Sequence[Figure], results: Results) -> Iterator[Drawing]:
-    """The figures, one after the other, a variant with the same look in all of them; draw under `style.rc()`."""
-    used = {series.look for figure in figures if isinstance(figure, Chart) for panel in figure.panels for series in panel.series}
+    """Draw the figures, a variant with the same look in all of them; under `style.rc()`."""
+    used = {look for figure in figures for look in _looks_used(figure)}
     looks = looks_of({label: about for label, about in variants_of(results).items() if label in used})
     for figure in figures:
-        yield draw(figure, looks | _other_looks(figure, looks))
+        # series that are no variant's: settings of one method, say
+        others = {look: (look, "joint") for look in _looks_used(figure) if look not in looks and look not in OWN_LOOKS}
+        yield draw(figure, looks | looks_of(others))
 
 
-def _other_looks(figure: Figure, looks: Mapping[str, Look]) -> dict[str, Look]:
-    """Looks of the series of a chart that are no variant's: settings of one method, say."""
-    if not isinstance(figure, Chart):
-        return {}
-    words = dict.fromkeys(series.look for panel in figure.panels for series in panel.series)
-    return looks_of({word: (word, "joint") for word in words if word not in looks and word not in OWN_LOOKS})
+def _looks_used(figure: Figure) -> list[str]:
+    series = [one for panel in figure.panels for one in panel.series] if isinstance(figure, Chart) else []
+    return list(dict.fromkeys(one.look for one in series))
 
 
 @singledispatch
 def draw(figure: Figure, looks: Mapping[str, Look]) -> Drawing:
-    """A figure of a kind that this renderer knows.
+    """Draw a figure of a kind that this renderer knows.
 
     Raises
     ------
@@ -65,33 +69,31 @@ def draw(figure: Figure, looks: Mapping[str, Look]) -> Drawing:
 def _(chart: Chart, looks: Mapping[str, Look]) -> Drawing:
     columns = 1 if narrow() else min(chart.columns, len(chart.panels))
     rows = -(-len(chart.panels) // columns)
-    figure, axes = panels(rows, columns, LEGEND + MARGIN + rows * chart.height, sharex=chart.share_x, sharey=chart.share_y)
+    height = LEGEND + MARGIN + rows * chart.height
+    figure, axes = panels(rows, columns, height, sharex=chart.share_x, sharey=chart.share_y)
     handles: dict[str, Artist] = {}
     for ax, panel in zip(axes.flat, chart.panels):
         _draw_panel(ax, panel, looks, handles)
     for ax in axes.flat[len(chart.panels):]:
         ax.set_axis_off()
-    if chart.share_x:
-        for ax in axes[:-1].flat:
-            ax.set_xlabel("")
-    if chart.share_y:
-        for ax in axes[:, 1:].flat:
-            ax.set_ylabel("")
-    letter(axes.flat[:len(chart.panels)])
+    for ax in axes[:-1].flat if chart.share_x else ():
+        ax.set_xlabel("")
+    for ax in axes[:, 1:].flat if chart.share_y else ():
+        ax.set_ylabel("")
+    letter(list(axes.flat[:len(chart.panels)]))
     if handles:
         legend(figure, handles)
     return Drawing(chart.name, chart.caption, figure)
 
 
 def _draw_panel(ax: Axes, panel: Panel, looks: Mapping[str, Look], handles: dict[str, Artist]) -> None:
-    """The panel, and what its series add to the legend."""
+    """Draw the panel, and add to the handles of the legend what its series add."""
     for begin, end in panel.shades:
         ax.axvspan(begin, end, color=SHADE, linewidth=0, zorder=0)
     for x in panel.lines:
         ax.axvline(x, zorder=1, **OWN_LOOKS[LIMIT].line())
     for series in panel.series:
-        look = looks.get(series.look) or OWN_LOOKS.get(series.look) or OWN_LOOKS[""]
-        style = _style(series, look)
+        style = _style(series, looks.get(series.look) or OWN_LOOKS.get(series.look, PLAIN))
         _draw_series(ax, series, style, panel.horizontal)
         if series.label:
             handles.setdefault(series.label, Line2D([], [], **style))
@@ -100,13 +102,13 @@ def _draw_panel(ax: Axes, panel: Panel, looks: Mapping[str, Look], handles: dict
     ax.set(title=panel.title, xlabel=panel.x.label, ylabel=panel.y.label)
 
 
-def _style(series: Series, look: Look) -> dict[str, object]:
+def _style(series: Series, look: Look) -> dict[str, Any]:
     line = look.line() if series.line else {"color": look.color, "linestyle": "none"}
     marked = replace(look, fill="none") if series.hollow else look
     return {**line, **(marked.points() if series.points else {"marker": ""})}
 
 
-def _draw_series(ax: Axes, series: Series, style: Mapping[str, object], horizontal: bool) -> None:
+def _draw_series(ax: Axes, series: Series, style: Mapping[str, Any], horizontal: bool) -> None:
     if series.low is None or series.high is None:
         ax.plot(series.x, series.y, **style)
         return
@@ -149,21 +151,29 @@ def _(heat: HeatMap, looks: Mapping[str, Look]) -> Drawing:
                 ax.text(x, y, sign, fontsize=6, va="center", ha="center", color=_contrast(color))
     for color, paths in squares.items():  # one shape for all squares of a colour: a twentieth of the bytes
         ax.add_patch(PathPatch(Path.make_compound_path(*paths), color=color, linewidth=0))
-    ax.set(xlim=(-0.5, len(heat.columns) - 0.5), ylim=(len(lines) - 0.5, -0.5))
-    ax.set_yticks([y for y, (_, row) in enumerate(lines) if row is not None], [text for text, row in lines if row is not None], fontsize=6)
-    ax.set_xticks(range(len(heat.columns)), heat.columns, rotation=turned, ha="left", va="center" if narrow() else "baseline", rotation_mode="anchor", fontsize=6.5)
-    ax.xaxis.tick_top()
-    ax.tick_params(length=0, which="both")
-    ax.spines[:].set_visible(False)
+    _name_rows_and_columns(ax, lines, heat.columns, turned)
     there = {category for row in heat.cells for category in row}
-    handles = {f"{sign}  {category}": Patch(color=color) for category, (sign, color) in heat.categories.items() if category in there}
+    handles = {f"{sign}  {category}": Patch(color=color) for category, (sign, color) in heat.categories.items()
+               if category in there}
     legend(figure, handles, columns=6)
     return Drawing(heat.name, heat.caption, figure)
 
 
+def _name_rows_and_columns(ax: Axes, lines: Sequence[tuple[str, int | None]], columns: Sequence[str],
+                           turned: float) -> None:
+    ax.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(lines) - 0.5, -0.5))
+    rows = {y: text for y, (text, row) in enumerate(lines) if row is not None}
+    ax.set_yticks(list(rows), list(rows.values()), fontsize=6)
+    ax.set_xticks(range(len(columns)), columns, rotation=turned, ha="left", va="center" if narrow() else "baseline",
+                  rotation_mode="anchor", fontsize=6.5)
+    ax.xaxis.tick_top()
+    ax.tick_params(length=0, which="both")
+    ax.spines[:].set_visible(False)
+
+
 def _square(x: float, y: float) -> Path:
-    corners = [(x - 0.46, y - 0.44), (x + 0.46, y - 0.44), (x + 0.46, y + 0.44), (x - 0.46, y + 0.44), (x - 0.46, y - 0.44)]
-    return Path(corners, closed=True)
+    corners = [(x - 0.46, y - 0.44), (x + 0.46, y - 0.44), (x + 0.46, y + 0.44), (x - 0.46, y + 0.44)]
+    return Path([*corners, corners[0]], closed=True)
 
 
 def _contrast(color: str) -> str:

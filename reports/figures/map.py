@@ -13,11 +13,11 @@ from stiction.reports.figures.style import COLORS, Drawing, panels
 from stiction.scenes import Scene
 
 SCALE, MISSING = "cividis", "#FFFFFF"
-"""Colours whose lightness increases, made for the colour-blind (Nunez et al. 2018); what a point without a number gets."""
+"""Colours whose lightness increases, for the colour-blind (Nunez et al. 2018); colour of a point without a number."""
 
 UNITS = {AMPLITUDE: "N", "amplitude": "N", "frequency": "rad/s", "phase": "rad", "mass": "kg", "inertia": "kg m$^2$",
          "mu": "-", "mus": "-", "length": "m", "width": "m"}
-"""By the last part of an axis' key; a parameter of a scene has a unit of its own that nobody has told."""
+"""Units by the last part of an axis' key; those of a scene's parameters are not known."""
 
 
 def sweep_drawings(sweep: Sweep) -> Iterator[Drawing]:
@@ -31,13 +31,14 @@ def sweep_drawings(sweep: Sweep) -> Iterator[Drawing]:
 
 
 def _caption(sweep: Sweep, table: pd.DataFrame, name: str, runs: str) -> str:
-    """What is drawn, and how many points have no number for which reason."""
+    """The subject of a drawing, and how many points have no number for which reason."""
     specification, scene = sweep.specification, sweep.specification.scene
     run = specification.run
     method = f"relative tolerance {run.rtol:g}" if (step := run.step(scene)) is None else f"dt = {step:g} s at most"
     engine = "the reference" if run.engine == "reference" else f"{run.engine}, {run.fidelity}"
     caption = f"{scene.title or scene.name}: {name} in the steady state, {runs} runs of {engine}, {method}"
-    missing = [f"{count} {status}" for status, count in table.loc[table["status"] != "ok", "status"].value_counts().items()]
+    failed = table.loc[table["status"] != "ok", "status"].value_counts()
+    missing = [f"{count} {status}" for status, count in failed.items()]
     return caption + (f"; points without a number: {', '.join(missing)}" if missing else "")
 
 

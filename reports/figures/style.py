@@ -1,9 +1,8 @@
-"""What all figures share: sizes, type, colours that the colour-blind can tell apart, legends outside of the data."""
+"""The common style of figures: sizes, type, colours that the colour-blind can distinguish, legends outside the data."""
 
 from __future__ import annotations
 
 import os
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -22,31 +21,34 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from stiction.child_processes import child_context
 from stiction.comparisons.atomic_files import whole_file
 from stiction.comparisons.results import Results
-from stiction.child_processes import child_context
+from stiction.reports.figures.svg import lean
 from stiction.scenes import InputError
 from stiction.scenes.pictures.picture import content
 
 COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}
-"""Widths of figures, inches: one column (84 mm) and both (174 mm) of a journal page; type of 8 pt is then printed as 8 pt."""
+"""Widths of figures, inches: one column (84 mm) and both (174 mm) of a journal page; type is printed in its size."""
 DPI = 200
+KINDS = ("svg", "pdf")
+"""Kinds of files of a figure: for reports and pages, and for papers."""
 SHARE = 4
 """Figures that it takes to keep a process busy for longer than it takes to start."""
-ROOM = 2.0
+SEPARATE = 2.0
 """Ratio of two values of a logarithmic axis whose labels do not touch."""
 LEGEND_ROWS = 3
-"""Of a legend, for which the heights of figures leave room."""
+"""Rows of a legend, for which the heights of figures leave room."""
 
-# Okabe & Ito's palette, which the colour-blind can distinguish, without its yellow, too light for a line on white, and its black, which is the truth's
+# Okabe & Ito's palette, without its yellow, too light for a line on white, and its black, which is the truth's
 COLORS = ("#332288", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
 TRUTH_COLOR, SHADE = "#999999", "#E2E2E2"
-DASHES: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (5, 1.5, 1, 1.5)), (0, (1, 1.2)), (0, (5, 1.2, 1, 1.2, 1, 1.2)), (0, (9, 2)), (0, (9, 1.5, 2, 1.5)),
-                        (0, (2, 2)), (0, (7, 1, 1, 1, 1, 1, 1, 1)), (0, (4, 4)))
+DASHES: Sequence[Any] = (
+    "-", *((0, dashes) for dashes in ((5, 1.5), (5, 1.5, 1, 1.5), (1, 1.2), (5, 1.2, 1, 1.2, 1, 1.2), (9, 2),
+                                      (9, 1.5, 2, 1.5), (2, 2), (7, 1, 1, 1, 1, 1, 1, 1), (4, 4))))
 MARKERS = "osD^vPX<>*hpd8"
 FILLS = {"joint": ("full", "left"), "contact": ("none", "top")}
-"""Of markers, by fidelity: the second where the first has been used with all `MARKERS`."""
-TIME = "$t$ [s]"
+"""Fills of markers, by fidelity: the second where the first has been used with all `MARKERS`."""
 
 _RC = {
     "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "mathtext.fontset": "dejavusans", "font.size": 8,
@@ -58,6 +60,9 @@ _RC = {
     "pdf.fonttype": 42,  # TrueType, so that a publisher's tools can read and search the text
     "svg.fonttype": "none", "svg.hashsalt": "stiction",  # text as text; the same bytes for the same data
 }
+_UNDATED = {"png": {"dpi": DPI, "metadata": {"Software": None}}, "pdf": {"metadata": {"CreationDate": None}},
+            "svg": {"metadata": {"Date": None}}}
+"""Options of `content` with which the same data give the same bytes."""
 
 
 @dataclass(frozen=True)
@@ -68,15 +73,10 @@ class Drawing:
     caption: str
     figure: Figure
 
-    @property
-    def alt(self) -> str:
-        """Text for readers who do not see it: the caption's first sentence, fit for the brackets of Markdown."""
-        return re.split(r"\.(?: (?=[A-Z])|$)", self.caption)[0].translate(str.maketrans("[]", "()"))
-
 
 @dataclass(frozen=True)
 class Look:
-    """How a variant is drawn everywhere. No two have the same marker with the same fill: colours only help."""
+    """Colour, dashes and marker of a variant in all figures; no two have the same marker with the same fill."""
 
     color: str
     dashes: Any
@@ -89,33 +89,34 @@ class Look:
     def points(self) -> dict[str, Any]:
         inside = {"markerfacecolor": "white"} if self.fill == "none" else {
             "markerfacecolor": self.color, "markerfacecoloralt": "white", "fillstyle": self.fill}
-        return {"marker": self.marker, "markeredgecolor": self.color, "markersize": 3.5, "markeredgewidth": 0.8, **inside}
+        return {"marker": self.marker, "markeredgecolor": self.color, "markersize": 3.5, "markeredgewidth": 0.8,
+                **inside}
 
 
 def rc(column: str = "double") -> AbstractContextManager[None]:
-    """Type, lines and width (of `COLUMNS`) of these figures, for figures made and saved within."""
+    """Set type, lines and width (of `COLUMNS`), for figures made and saved within."""
     return style.context(["default", {**_RC, "figure.figsize": (COLUMNS[column], COLUMNS["single"])}])
 
 
 def width() -> float:
-    """Of figures made here and now, inches."""
+    """Width of figures made here and now, inches."""
     return matplotlib.rcParams["figure.figsize"][0]
 
 
 def narrow() -> bool:
-    """Whether figures made here and now hold panels below each other only."""
+    """Figures made here and now hold panels below each other only."""
     return width() <= COLUMNS["single"]
 
 
 def looks_of(variants: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
-    """Look of each variant, by its label: colour by engine, dashes by variant of a colour, fill by fidelity, marker in turn.
+    """Choose the look of each variant: colour by engine, dashes within a colour, fill by fidelity, marker in turn.
 
     No two have the same colour with the same dashes, nor the same marker with the same fill.
 
     Parameters
     ----------
     variants
-        By label the engine and the fidelity.
+        Engine and fidelity, by label.
 
     Raises
     ------
@@ -123,15 +124,13 @@ def looks_of(variants: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
         For more variants than can be distinguished.
     """
     engines = list(dict.fromkeys(engine for engine, _ in variants.values()))
-    color_of = {engine: COLORS[number % len(COLORS)] for number, engine in enumerate(engines)}
-    dashed: Counter[str] = Counter()
-    marked: Counter[str] = Counter()
-    found: dict[str, Look] = {}
+    dashed, marked, found = Counter[str](), Counter[str](), dict[str, Look]()
     for label, (engine, fidelity) in variants.items():
-        color, fills = color_of[engine], FILLS[fidelity]
-        if dashed[color] == len(DASHES) or marked[fidelity] == len(fills) * len(MARKERS):
-            raise InputError(f"figures: found {len(variants)} variants; expected at most {len(DASHES)} of a colour, and {len(fills) * len(MARKERS)} "
-                             "of a fidelity, which are as many as can be distinguished")
+        color, fills = COLORS[engines.index(engine) % len(COLORS)], FILLS[fidelity]
+        most = len(fills) * len(MARKERS)
+        if dashed[color] == len(DASHES) or marked[fidelity] == most:
+            raise InputError(f"figures: found {len(variants)} variants; expected at most {len(DASHES)} of a colour, "
+                             f"and {most} of a fidelity, which are as many as can be distinguished")
         fill, marker = divmod(marked[fidelity], len(MARKERS))
         found[label] = Look(color, DASHES[dashed[color]], MARKERS[marker], fills[fill])
         dashed[color] += 1
@@ -140,24 +139,24 @@ def looks_of(variants: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
 
 
 def variants_of(results: Results) -> dict[str, tuple[str, str]]:
-    """Engine and fidelity of every variant of a run, by label, those that only a table has included."""
+    """Return engine and fidelity of every variant of a run, by label, those that only a table has included."""
     found = {record.variant.label: (record.variant.engine, record.variant.fidelity) for record in results.records}
     for table in results.tables.values():
         if {"variant", "engine", "fidelity"} <= set(table):
-            for row in table.drop_duplicates("variant").itertuples():
-                found.setdefault(row.variant, (row.engine, row.fidelity))
+            rows = table.drop_duplicates("variant")
+            found = found | dict(zip(rows["variant"], zip(rows["engine"], rows["fidelity"]))) | found
     return found
 
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Any]:
-    """A figure of `width` and its axes, shape (rows, columns)."""
-    figure = Figure(figsize=(width(), height), dpi=DPI, layout="constrained")  # hinted text is as wide as where it is saved
+    """Make a figure of `width` and its axes, shape (rows, columns)."""
+    figure = Figure(figsize=(width(), height), dpi=DPI, layout="constrained")  # hinted text is as wide as in the file
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 def legend(figure: Figure, handles: Mapping[str, Artist], columns: int = 4) -> None:
-    """One legend for the figure, above its axes, of at most so many columns as fit in its width.
+    """Put one legend above the axes, of at most so many columns as fit in the width.
 
     The figure grows by what the legend has beyond `LEGEND_ROWS` rows.
     """
@@ -165,39 +164,38 @@ def legend(figure: Figure, handles: Mapping[str, Artist], columns: int = 4) -> N
         # matplotlib fills column by column; people read row by row
         labels = [label for column in range(count) for label in list(handles)[column::count]]
         made = figure.legend([handles[label] for label in labels], labels, loc="outside upper center", ncols=count)
-        if count == 1 or made.get_window_extent().width <= figure.bbox.width:
+        box = made.get_window_extent()
+        if count == 1 or box.width <= figure.bbox.width:
             rows = -(-len(handles) // count)
-            figure.set_figheight(figure.get_figheight() + max(0, rows - LEGEND_ROWS) * made.get_window_extent().height / figure.dpi / rows)
+            more = max(0, rows - LEGEND_ROWS) * box.height / figure.dpi / rows
+            figure.set_figheight(figure.get_figheight() + more)
             return
         made.remove()
 
 
 def tick_at(axis: Axis, values: Iterable[float]) -> None:
-    """Ticks of a logarithmic axis at the values that are drawn, from the smallest on, as far as their labels have room."""
+    """Set ticks of a logarithmic axis at the values drawn, from the smallest on, as far as their labels have room."""
     shown: list[float] = []
     for value in sorted(set(values)):
-        if not shown or value >= ROOM * shown[-1]:
+        if not shown or value >= SEPARATE * shown[-1]:
             shown.append(value)
     axis.set_ticks(shown, [f"{value:g}" for value in shown])
     axis.set_minor_formatter(NullFormatter())
 
 
-def letter(axes: Iterable[Axes]) -> None:
-    """(a), (b), .. at the panels' upper left corners, outside of the data, where there are several."""
-    several = list(axes)
-    for number, ax in enumerate(several if len(several) > 1 else ()):
-        ax.set_title(f"({chr(ord('a') + number)})" + (f" {title}" if (title := ax.get_title()) else ""), loc="left")
+def letter(axes: Sequence[Axes]) -> None:
+    """Write (a), (b), .. at the panels' upper left corners, outside of the data, where there are several."""
+    for number, ax in enumerate(axes if len(axes) > 1 else ()):
+        ax.set_title(f"({chr(ord('a') + number)}) {ax.get_title()}".strip(), loc="left")
         ax.set_title("", loc="center")
 
 
-def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double", kinds: Sequence[str] = ("png", "pdf", "svg"),
-             workers: int | None = None) -> None:
-    """Files of these kinds of figures made under ``rc(column)``, by so many processes.
-
-    Where `workers` is None: in this process, unless there are so many figures that others are worth while.
-    """
+def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double",
+             kinds: Sequence[str] = KINDS) -> None:
+    """Write files of figures made under ``rc(column)``, in other processes where they are many."""
     one = partial(save, folder=folder, column=column, kinds=kinds)
-    if workers is None and (workers := min(os.cpu_count() or 1, len(drawings) // SHARE)) < 2:
+    workers = min(os.cpu_count() or 1, len(drawings) // SHARE)
+    if workers < 2:
         for drawing in drawings:
             one(drawing)
         return
@@ -205,18 +203,18 @@ def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double", 
         list(pool.map(one, drawings))
 
 
-def write_figure(drawing: Drawing, path: Path) -> None:
-    """One figure to a file of any name; the ending says as what."""
-    with whole_file(path) as partial_file:
-        partial_file.write_bytes(content(drawing.figure, path.suffix.lower().removeprefix("."), dpi=DPI))
-
-
-def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable[str] = ("png", "pdf", "svg")) -> None:
-    """One figure; without dates, so that the same data give the same bytes."""
+def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable[str] = KINDS) -> None:
+    """Write one figure; without dates, so that the same data give the same bytes."""
     with rc(column):
         drawing.figure.draw_without_rendering()
         drawing.figure.set_layout_engine(None)  # positions are found; finding them again for each file doubles the time
-        options = {"png": {"dpi": DPI, "metadata": {"Software": None}}, "pdf": {"metadata": {"CreationDate": None}}, "svg": {"metadata": {"Date": None}}}
         for kind in kinds:
-            with whole_file(folder / f"{drawing.name}.{kind}") as path:
-                path.write_bytes(content(drawing.figure, kind, **options[kind]))
+            write_figure(drawing, folder / f"{drawing.name}.{kind}")
+
+
+def write_figure(drawing: Drawing, path: Path) -> None:
+    """Write one figure to a file of any name; the ending says as what."""
+    kind = path.suffix.lower().removeprefix(".")
+    with whole_file(path) as partial_file:
+        data = content(drawing.figure, kind, **_UNDATED[kind])
+        partial_file.write_bytes(lean(data.decode()).encode() if kind == "svg" else data)

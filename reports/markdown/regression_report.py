@@ -1,4 +1,4 @@
-"""What a night or a check found, for people (Markdown) and for machines (JSON)."""
+"""Findings of a night or a check, for people (Markdown) and for machines (JSON)."""
 
 from __future__ import annotations
 
@@ -15,60 +15,67 @@ from stiction.comparisons.atomic_files import make_folder, write_text
 from stiction.comparisons.campaigns.measurement import RANDOM, Row
 from stiction.comparisons.campaigns.nightly import Result
 from stiction.comparisons.campaigns.regression import BETTER, COULD_NOT_RUN, FINE, NEW, NOTHING, REGRESSION, Finding
-from stiction.reports.markdown.losses import WHERE, grouped
 from stiction.comparisons.presentation.cells import cell
+from stiction.reports.markdown.failures import grouped
 from stiction.reports.markdown.tables import markdown
 
 REPORT, SUMMARY = "report.md", "summary.json"
 SHOWN = 40
 """Findings in a table; the rest is counted."""
-_TITLES = {FINE: "fine: nothing changed beyond noise", REGRESSION: "regression", COULD_NOT_RUN: "not everything could be run",
+_TITLES = {FINE: "fine: nothing changed beyond noise", REGRESSION: "regression",
+           COULD_NOT_RUN: "not everything could be run",
            NOTHING: "nothing was compared: there is nothing yet that these runs could be held to"}
+_UPDATE = '`stiction baseline update --reason ".."`'
 
 
 def check_report(result: Result) -> str:
-    """A verdict and a table, worst first, fit for a pull request."""
+    """Write a verdict and a table, worst first, fit for a pull request."""
     return f"**{_TITLES[result.verdict]}** ({_counts(result)})\n\n{changes(result.findings)}\n"
 
 
 def night_report(result: Result) -> str:
-    """The text of `REPORT`."""
-    lost = pd.DataFrame([{"scene": row.scene, "variant": row.variant, "step": row.step, "status": row.status if row.status != "ok" else "incomplete",
-                          "reason": row.reason} for row in result.rows if row.status != "ok" or row.reason])
-    resumed = f" {result.resumed} of them came from a run of this night that was interrupted." if result.resumed else ""
-    came = [row for row in result.rows if row.metrics]
-    numbers = pd.DataFrame([{"run": row.key, "truth": _tiers(row), **{metric.name: metric.value for metric in row.metrics if metric.kind != "counter"}}
-                            for row in came if row.parameter and row.variant != RANDOM])
-    here = {**result.origin["versions"], **result.origin["machine"], "commit": result.origin["commit"] or "not in a checkout",
-            "campaign": result.campaign.name, "engines": ", ".join(sorted({f"{row.engine} {row.version}" for row in came if row.version}))}
+    """Write the text of `REPORT`."""
+    failed = pd.DataFrame([{"scene": row.scene, "variant": row.variant, "step": row.step, "reason": row.reason,
+                            "status": "incomplete" if row.status == "ok" else row.status} for row in _failed(result)])
+    measured = [row for row in result.rows if row.metrics]
+    numbers = pd.DataFrame([{"run": row.key, "truth": _tiers(row),
+                             **{metric.name: metric.value for metric in row.metrics if metric.kind != "counter"}}
+                            for row in measured if row.parameter and row.variant != RANDOM])
+    origin, resumed = result.origin, result.resumed
+    engines = sorted({f"{row.engine} {row.version}" for row in measured if row.version})
+    here = {**origin["versions"], **origin["machine"], "commit": origin["commit"] or "not in a checkout",
+            "campaign": result.campaign.name, "engines": ", ".join(engines)}
     return "\n\n".join([
         f"# Night of {result.name}: {_TITLES[result.verdict]}",
-        f"{_counts(result)}, in {result.wall_s:.0f} s.{resumed}",
+        f"{_counts(result)}, in {result.wall_s:.0f} s."
+        + (f" {resumed} of them are from a run of this night that was interrupted." if resumed else ""),
         "## What changed", changes(result.findings),
         *(["## Random scenes", result.random] if result.random else []),
-        "## What did not come out", markdown(grouped(lost)[["variant", "status", "reason", "runs", WHERE]]) if len(lost) else "Nothing: every run came out.",
-        "## Numbers", "Of every run that came out, with the tier of the truth; counters and uncertainties are in the history.", markdown(numbers),
-        "## Provenance", markdown(pd.DataFrame(here.items(), columns=["what", "value"])),
-    ]) + "\n"
+        "## What failed", markdown(grouped(failed)) if len(failed) else "Nothing: all runs succeeded.",
+        "## Numbers", "Of every run that succeeded, with the tier of the truth; counters and uncertainties are in the "
+        "history.", markdown(numbers), "## Provenance", 
+        markdown(pd.DataFrame(here.items(), columns=["what", "value"]))]) + "\n"
 
 
 def changes(findings: Sequence[Finding]) -> str:
-    """The findings as a table, worst first; what is merely new is counted."""
-    told = grouped_findings(findings)
-    rows = [{"": worst.severity, "what": worst.metric or worst.kind, "worst run": worst.key, "baseline": _value(worst, worst.before),
-             "now": _value(worst, worst.now), "why": worst.reason, "runs": count} for worst, count in told[:SHOWN]]
+    """Write the findings as a table, worst first; what is merely new is counted."""
+    groups = grouped_findings(findings)
+    rows = [{"": worst.severity, "what": worst.metric or worst.kind, "worst run": worst.key,
+             "baseline": _value(worst, worst.before), "now": _value(worst, worst.now), "why": worst.reason,
+             "runs": count}
+            for worst, count in groups[:SHOWN]]
     lines = [markdown(pd.DataFrame(rows)) if rows else "Nothing changed beyond noise."]
-    if len(told) > SHOWN:
-        lines.append(f"and {len(told) - SHOWN} more lines, none worse than these.")
+    if len(groups) > SHOWN:
+        lines.append(f"and {len(groups) - SHOWN} more lines, none worse than these.")
     if new := sum(finding.severity == NEW for finding in findings):
-        lines.append(f"{new} runs or numbers are not in the baseline; `stiction baseline update --reason \"..\"` adds them.")
+        lines.append(f"{new} runs or numbers are not in the baseline; {_UPDATE} adds them.")
     if any(finding.severity == BETTER for finding in findings):
-        lines.append("What has become better is no failure; `stiction baseline update --reason \"..\"` makes it what is expected from now on.")
+        lines.append(f"What has become better is no failure; {_UPDATE} makes it what is expected from now on.")
     return "\n\n".join(lines)
 
 
 def grouped_findings(findings: Sequence[Finding]) -> list[tuple[Finding, int]]:
-    """Of each quantity of a variant the worst finding, and the number of its runs that are concerned; without what is merely new."""
+    """Return the worst finding of each quantity of a variant, and the number of its runs; new ones are left out."""
     groups: dict[tuple[str, ...], list[Finding]] = {}
     for finding in findings:
         if finding.severity != NEW:
@@ -78,35 +85,40 @@ def grouped_findings(findings: Sequence[Finding]) -> list[tuple[Finding, int]]:
 
 
 def summary(result: Result, exit_code: int) -> dict[str, Any]:
-    """All of it but the numbers, which the history has, ready for JSON."""
+    """Return all of it but the numbers, which the history has, ready for JSON."""
+    findings = [{name: value if value != float("inf") else None for name, value in asdict(finding).items()}
+                for finding in result.findings]
     return {"verdict": result.verdict, "exit code": exit_code, "name": result.name, "campaign": result.campaign.name,
-            "runs": dict(Counter(row.status for row in result.rows)), "compared": result.compared, "held to the first night": dict(result.first_nights), "resumed": result.resumed, "wall [s]": round(result.wall_s, 1),
-            "random": result.random,
-            "findings": [{name: value if value != float("inf") else None for name, value in asdict(finding).items()}
-                         for finding in result.findings],
-            "lost": [{"key": row.key, "status": row.status, "reason": row.reason} for row in result.rows if row.status != "ok" or row.reason],
+            "runs": dict(Counter(row.status for row in result.rows)), "compared": result.compared,
+            "held to the first night": dict(result.first_nights), "resumed": result.resumed,
+            "wall [s]": round(result.wall_s, 1), "random": result.random, "findings": findings,
+            "lost": [{"key": row.key, "status": row.status, "reason": row.reason} for row in _failed(result)],
             "origin": dict(result.origin)}
 
 
 def write_night(result: Result, exit_code: int, folder: Path) -> None:
     """Write `REPORT` and `SUMMARY`; each appears complete or not at all, the summary last."""
     make_folder(folder)
-    text = json.dumps(summary(result, exit_code), indent=1, ensure_ascii=False) + "\n"
-    for name, content in ((REPORT, night_report(result)), (SUMMARY, text)):
-        write_text(folder / name, content)
+    write_text(folder / REPORT, night_report(result))
+    write_text(folder / SUMMARY, json.dumps(summary(result, exit_code), indent=1, ensure_ascii=False) + "\n")
+
+
+def _failed(result: Result) -> list[Row]:
+    return [row for row in result.rows if row.status != "ok" or row.reason]
 
 
 def _counts(result: Result) -> str:
-    runs = Counter(row.status for row in result.rows)
+    runs = ", ".join(f"{count} {status}" for status, count in Counter(row.status for row in result.rows).most_common())
+    text, first = f"{len(result.rows)} runs: {runs}; {result.compared} compared", result.first_nights
+    if first:
+        text += (f", {len(first)} of them, which the baseline does not have, with the first night that has them "
+                 f"({min(first.values())})")
     new = sum(finding.severity == NEW and finding.kind == "status" for finding in result.findings)
-    return f"{len(result.rows)} runs: " + ", ".join(f"{count} {status}" for status, count in runs.most_common()) + (
-        f"; {result.compared} compared" + (f", {len(result.first_nights)} of them, which the baseline does not have, with the first night that has them "
-                                           f"({min(result.first_nights.values())})" if result.first_nights else "")) + (
-        f"; {new} not in the baseline, so not compared" if new else "")
+    return text + (f"; {new} not in the baseline, so not compared" if new else "")
 
 
 def _tiers(row: Row) -> str:
-    """Of the truth that its errors and events were measured against."""
+    """The truths that its errors and events were measured against."""
     return ", ".join(dict.fromkeys(metric.tier for metric in row.metrics if metric.kind in ("accuracy", "event")))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.presentation.table_view import BRIEF_ROWS, TableView
@@ -12,38 +12,35 @@ from stiction.reports.markdown.tables import aligned
 
 
 def study_section(study: Study, said: Presentation, drawings: Mapping[str, Drawing]) -> str:
-    """The section; tables have their first rows and their brief columns."""
+    """Write the section; tables have their first rows and their brief columns."""
     words = " ".join(part.text for part in (said.answer, *said.findings) if part)
-    figures = [figure(drawings[each.name]) for each in said.figures]
-    tables = [f"*{view.caption}*\n\n{table(view)}{more(view)}" for view in said.tables if view.in_report and len(view.frame)]
+    figures = [figure(drawings[each.name]) for each in said.figures if each.name in drawings]
+    shown = [view for view in said.tables if view.in_report and len(view.frame)]
+    tables = [f"*{view.caption}*\n\n{table(view)}{more(view)}" for view in shown]
     notes = "\n".join(f"- {note}" for note in said.notes)
     return "\n\n".join(filter(None, (f"## {study.question}", words, *figures, *tables, notes)))
 
 
 def figure(drawing: Drawing) -> str:
-    """A picture with its caption, and the way to its PDF."""
-    return f"![{drawing.alt}](figures/{drawing.name}.png)\n\n{drawing.caption} ([PDF](figures/{drawing.name}.pdf))"
+    """Write a picture with its caption, and a link to its PDF."""
+    file = f"figures/{drawing.name}"
+    return f"![{drawing.name}]({file}.svg)\n\n{drawing.caption} ([PDF]({file}.pdf))"
 
 
 def table(view: TableView) -> str:
-    """The first rows of a table, its brief columns; a row with the heading of each group before its rows."""
-    cells, heads, right = view.cells(brief=True)[:BRIEF_ROWS], view.heads(brief=True), view.right(brief=True)
-    if view.group:
-        cells = list(_with_headings(cells, list(view.frame[view.group])))
-    return aligned(heads, cells, right)
+    """Write the first rows of a table, its brief columns, and the heading of each group before its rows."""
+    rows, before = [], None
+    for number, cells in enumerate(view.cells(brief=True)[:BRIEF_ROWS]):
+        if view.group and (group := view.frame[view.group][number]) != before:
+            rows.append([f"*{group}*", *[""] * (len(cells) - 1)])
+            before = group
+        rows.append(cells)
+    return aligned(view.heads(brief=True), rows, view.right(brief=True))
 
 
 def more(view: TableView) -> str:
-    """The sentence below a table that says where the other rows are; empty where all are shown."""
+    """Say below a table where the other rows are; empty where all are shown."""
     if len(view.frame) <= BRIEF_ROWS:
         return ""
-    return f"\n\nThe first {BRIEF_ROWS} of {len(view.frame)} rows; all are in [data/{view.source}.csv](data/{view.source}.csv)."
-
-
-def _with_headings(rows: Sequence[list[str]], groups: Sequence[str]) -> list[list[str]]:
-    found: list[list[str]] = []
-    for number, row in enumerate(rows):
-        if number == 0 or groups[number] != groups[number - 1]:
-            found.append([f"*{groups[number]}*", *[""] * (len(row) - 1)])
-        found.append(row)
-    return found
+    file = f"data/{view.source}.csv"
+    return f"\n\nThe first {BRIEF_ROWS} of {len(view.frame)} rows; all are in [{file}]({file})."

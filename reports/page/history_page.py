@@ -1,4 +1,4 @@
-"""The page over the history: each number's course over the nights, the nights with their verdicts, and what did not come out."""
+"""The page over the history: each number's course over the nights, the nights with their verdicts, and what failed."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from stiction.scenes.pictures.picture import CYCLE
 from stiction.scenes.pictures.web import LONG, Columns
 
 COLORS = ("ink", *CYCLE[1:])
-"""By variant, the first again after the last."""
+"""Colours by variant, the first again after the last."""
 DASHES = ((), (6, 3), (2, 3), (8, 3, 2, 3), (14, 4), (14, 4, 2, 4))
-"""Of lines, px, by rung of a variant's ladder."""
+"""Dashes of lines, px, by step size or tolerance of a variant."""
 HINT = "Drag to zoom, double-click to reset; with the keyboard +, - and 0."
-LOST = 200
-"""Runs that did not come out are listed up to this number, the latest first."""
+MOST_FAILED = 200
+"""Failed runs are listed up to this number, the latest first."""
 
 
 def write_history_page(history: Path, file: Path) -> None:
@@ -38,56 +38,68 @@ def write_history_page(history: Path, file: Path) -> None:
         pass  # it is one, of this format
     with closing(sqlite3.connect(f"{history.absolute().as_uri()}?mode=ro", uri=True)) as connection:
         rows = pd.read_sql("SELECT * FROM history", connection)
-        nights = pd.read_sql("SELECT night, campaign, machine, commit_hash, finished, verdict FROM nights ORDER BY night", connection)
-    sections = {"Nights": [_nights(nights, rows)]}
-    if len(rows) and rows["value"].notna().any():
-        sections = {"Course over the nights": [
-            paragraph("One line per variant and rung. Errors, drift and times are drawn in logarithms where all are > 0; a gap is a night "
-                      "in which the run did not come out. Times of different machines are different lines."),
-            chart("course", ("Metric", "Scene"), list(_views(rows, list(nights["night"]))), HINT)], **sections}
-    lost = rows[(rows["status"] != "ok") | (rows["reason"] != "")].drop_duplicates(["night", "key"])
-    if len(lost):
-        shown = lost.sort_values("night", ascending=False, kind="stable")[["night", "key", "status", "reason"]].head(LOST)
-        sections["What did not come out"] = [table(f"{len(lost)} runs, the latest {len(shown)} of them.", list(shown),
-                                                   shown.itertuples(index=False), [False] * 4)]
-    write_text(file, document("History of the nights", f"{len(nights)} nights, {rows['key'].nunique()} runs each at most", sections))
+        nights = pd.read_sql("SELECT night, campaign, machine, commit_hash, finished, verdict FROM nights "
+                             "ORDER BY night", connection)
+    rows["failed"] = (rows["status"] != "ok") | (rows["reason"] != "")
+    runs = rows.drop_duplicates(["night", "key"])
+    sections = {}
+    if rows["value"].notna().any():
+        sections["Course over the nights"] = [
+            paragraph("One line per variant and step size or tolerance. Errors, drift and times are drawn in "
+                      "logarithms where all are > 0; a gap is a night in which the run failed. Times of different "
+                      "machines are different lines."),
+            chart("course", ("Metric", "Scene"), list(_views(rows, list(nights["night"]))), HINT)]
+    sections["Nights"] = [_nights(nights, runs)]
+    failed = runs.loc[runs["failed"], ["night", "key", "status", "reason"]]
+    if len(failed):
+        shown = failed.sort_values("night", ascending=False, kind="stable").head(MOST_FAILED)
+        caption = f"{len(failed)} runs, the latest {len(shown)} of them."
+        sections["What failed"] = [table(caption, list(shown), shown.itertuples(index=False), [False] * 4)]
+    subtitle = f"{len(nights)} nights, {rows['key'].nunique()} runs each at most"
+    write_text(file, document("History of the nights", subtitle, sections))
 
 
-def _nights(nights: pd.DataFrame, rows: pd.DataFrame) -> str:
-    runs = rows.drop_duplicates(["night", "key"]).assign(fine=lambda table: (table["status"] == "ok") & (table["reason"] == ""))
-    counts = runs.groupby("night")["fine"].agg(["size", "sum"]).reindex(nights["night"], fill_value=0)
-    shown = nights.fillna("–").assign(runs=counts["size"].map(str).to_numpy(), whole=counts["sum"].map(str).to_numpy()).iloc[::-1]
-    return table("The nights, the latest first; whole: runs that came out and reached their end.", list(shown),
-                 shown.itertuples(index=False), [name in ("runs", "whole") for name in shown])
+def _nights(nights: pd.DataFrame, runs: pd.DataFrame) -> str:
+    made = runs.groupby("night")["failed"]
+    shown = nights.fillna("–").iloc[::-1]
+    counts = {"runs": made.size(), "whole": made.size() - made.sum()}
+    for name, count in counts.items():
+        shown[name] = shown["night"].map(count).fillna(0).astype(int).map(str)
+    return table("The nights, the latest first; whole: runs that succeeded and reached their end.", list(shown),
+                 shown.itertuples(index=False), [name in counts for name in shown])
 
 
 def _views(rows: pd.DataFrame, nights: list[str]) -> Iterator[View]:
     """One per metric and scene that has any number."""
     known = rows[rows["value"].notna()]
-    commits = rows.dropna(subset="commit_hash").drop_duplicates("night").set_index("night")["commit_hash"].reindex(nights).fillna("–")
-    for (metric, scene), part in known.groupby(["metric", "scene"], sort=False):
-        yield _view((str(metric), str(scene)), part, nights, [f"commit {commit}" for commit in commits])
+    commits = rows.dropna(subset="commit_hash").drop_duplicates("night").set_index("night")["commit_hash"]
+    notes = [f"commit {commit}" for commit in commits.reindex(nights).fillna("–")]
+    for labels, part in known.groupby(["metric", "scene"], sort=False):
+        yield _view(tuple(map(str, labels)), part, nights, notes)
 
 
-def _view(labels: tuple[str, str], rows: pd.DataFrame, nights: list[str], notes: list[str]) -> View:
-    block, series = Columns(), []
+def _view(labels: tuple[str, ...], rows: pd.DataFrame, nights: list[str], notes: list[str]) -> View:
+    block, series, ends = Columns(), [], []
     timed = (rows["kind"] == "time").all()
     logarithmic = bool((rows["value"] > 0).all()) and rows["kind"].iloc[0] in ("accuracy", "drift", "time")
-    number, low, high = block.add(np.arange(len(nights)), LONG), np.inf, -np.inf
-    colors = {variant: COLORS[place % len(COLORS)] for place, variant in enumerate(dict.fromkeys(rows["variant"]))}
-    for variant, lines in rows.groupby("variant", sort=False):
-        rungs = list(dict.fromkeys(zip(lines["parameter"], lines["step"])))
+    number = block.add(np.arange(len(nights)), LONG)
+    several = timed and rows["machine"].nunique() > 1
+    for place, (variant, lines) in enumerate(rows.groupby("variant", sort=False)):
+        steps = list(dict.fromkeys(lines["step"]))
         for (key, machine), line in lines.groupby(["key", lines["machine"] if timed else "scene"], sort=False):
             first, course = line.iloc[0], line.set_index("night").reindex(nights)
-            values = course["value"].to_numpy(float)
-            drawn = np.log10(values) if logarithmic else values
-            low, high = min(low, np.nanmin(drawn)), max(high, np.nanmax(drawn))
-            unsure = course["uncertainty"].to_numpy(float) / (values * np.log(10) if logarithmic else 1.0)  # of a logarithm: relative
-            name = variant if first["variant"] == "truth" else f"{variant} ({setting_of(first['parameter'], first['step'])})"
-            series.append({"name": f"{name}, {machine}" if timed and rows["machine"].nunique() > 1 else name, "color": colors[variant], "about": key,
-                           "dash": DASHES[rungs.index((first["parameter"], first["step"])) % len(DASHES)], "marker": True, "shown": True, "x": [number],
-                           "y": [[block.add(drawn, LONG)]], "error": [[block.add(unsure)]] if timed else None})
+            values, unsure = course["value"].to_numpy(float), course["uncertainty"].to_numpy(float)
+            if logarithmic:  # of a logarithm the relative uncertainty
+                values, unsure = np.log10(values), unsure / (values * np.log(10))
+            ends += [np.nanmin(values), np.nanmax(values)]
+            name = variant if variant == "truth" else f"{variant} ({setting_of(first['parameter'], first['step'])})"
+            series.append({
+                "name": f"{name}, {machine}" if several else name, "color": COLORS[place % len(COLORS)], "about": key,
+                "dash": DASHES[steps.index(first["step"]) % len(DASHES)], "marker": True, "shown": True, "x": [number],
+                "y": [[block.add(values, LONG)]], "error": [[block.add(unsure)]] if timed else None})
+    low, high = min(ends), max(ends)
     room = 0.05 * (high - low) or 0.5
-    return View(labels, {"x": {"label": "night", "range": [-0.3, len(nights) - 0.7], "names": nights, "notes": notes}, "series": series, "shades": [],
-                         "modes": [{"name": labels[0], "digits": 6, "panels": [{"label": labels[0], "log": logarithmic, "range": [low - room, high + room]}]}]},
-                block)
+    panel = {"label": labels[0], "log": logarithmic, "range": [low - room, high + room]}
+    return View(labels, {"x": {"label": "night", "range": [-0.3, len(nights) - 0.7], "names": nights, "notes": notes},
+                         "series": series, "shades": [],
+                         "modes": [{"name": labels[0], "digits": 6, "panels": [panel]}]}, block)

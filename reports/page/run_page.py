@@ -1,9 +1,9 @@
-"""The page of a run: page one, its time series to zoom into, and the section of every study, closed until it is opened."""
+"""The page of a run: page one, its time series to zoom into, and the sections of the studies, closed at first."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from html import escape
 from pathlib import Path
 from urllib.parse import quote
@@ -11,115 +11,93 @@ from urllib.parse import quote
 from stiction.comparisons.atomic_files import write_text
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.presentation.table_view import TableView
-from stiction.comparisons.recommendation import mechanism_in_words, recommendation
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.study import Study
-from stiction.reports.page.document import chart, document, paragraph, table
+from stiction.comparisons.recommendation import mechanism_in_words
+from stiction.reports.page.document import chart, details, document, items, paragraph, table
 from stiction.reports.page.time_series import time_series
 from stiction.reports.page_one import HOW_TO_READ, TITLE, bullets, headline_table, not_installed
-from stiction.reports.paper.folder import keys
-from stiction.reports.presentations import presentations
+from stiction.reports.report import Report, report_of
+from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import resolve, told
+from stiction.reports.run_folder.trace import keys, resolve
 from stiction.scenes import InputError
 
-HINT = ("The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard +, - and 0. Grey: stick phases of the "
-        "truth. A difference is that of two samples of one time, from the truth of the physics that the run has; none is drawn where it is zero.")
-ANSWER = "Answer"
-FONT = "font-family: 'DejaVu Sans', sans-serif"
-"""Of nearly every text of a picture."""
-GROUPS = 3
-"""Groups within each other around each element of a picture."""
+HINT = ("The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard "
+        "+, - and 0. Grey: stick phases of the truth. A difference is that of two samples of one time, from the truth "
+        "of the physics that the run has; none is drawn where it is zero.")
 UNQUOTED = " /:;=,.?!@$*()+-_~|[]{}<>'"
 """Signs that stand as they are in the address of a picture, which is an attribute in double quotes."""
 
 
 def write_run_page(run: StoredRun, file: Path) -> None:
     """Write the page; the same run gives the same bytes."""
-    results = run.validation()
-    said = presentations(results)
-    sections = {ANSWER: list(_page_one(run, results, said))}
-    if views := list(time_series(results)):
+    report = report_of(run.validation())
+    sections = {"Answer": list(_page_one(report))}
+    if views := list(time_series(report.results)):
         sections["Time series"] = [chart("time-series", ("Scene",), views, HINT)]
-    for study, each in said.items():
-        sections[study.question] = [_closed(study, each, [*_words(each), *(_figure(run, figure.name, figure.caption) for figure in each.figures),
-                                                          *(_table(view) for view in each.tables)])]
-    used = dict.fromkeys(key for each in said.values() for view in each.tables for key in keys(view))
-    sections["Where numbers come from"] = [_details("Every key of the tables", "".join(_origin_of(run, key) for key in used))]
+    for study, said in report.said.items():
+        sections[study.question] = [details(said.answer.text or study.question, "\n".join(_section(run, said)))]
+    used = dict.fromkeys(key for view in report.tables for key in keys(view))
+    origins = "".join(_origin_of(run, key) for key in used)
+    sections["Where numbers come from"] = [details("Every key of the tables", origins)]
     sections["Provenance"] = [table("Provenance of the run.", ("what", "value"), _origin(run), (False, False))]
-    write_text(file, document(TITLE, f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}", sections))
+    subtitle = f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}"
+    write_text(file, document(TITLE, subtitle, sections))
 
 
-def _page_one(run: StoredRun, results: Results, said: Mapping[Study, Presentation]) -> Iterator[str]:
-    """The mechanism in words, the answer, the table of all methods, the answers of the studies, and the first picture."""
-    yield paragraph(mechanism_in_words(results))
-    yield from (paragraph(part.text) for part in recommendation(results))
-    headlines = headline_table(results, said)
+def _page_one(report: Report) -> Iterator[str]:
+    """The mechanism in words, the answer, the table of all methods, and the answers of the studies."""
+    yield paragraph(mechanism_in_words(report.results))
+    yield from (paragraph(part.text) for part in report.answer)
+    headlines = headline_table(report)
     if headlines.groups:
-        rows = [[re.sub(r"^\*(.*)\*$", r"\1", text) for text in row] for row in headlines.cells]
+        rows = [[text.strip("*") for text in row] for row in headlines.rows]
         yield table(HOW_TO_READ, headlines.heads, rows, [False] + [True] * (len(headlines.heads) - 1))
-    items = "".join(f"<li><strong>{escape(title)}.</strong> {escape(answer.text)}</li>" for title, answer in bullets(said))
-    yield f"<ul>{items}</ul>"
-    if missing := not_installed(results):
+    yield items(f"**{title}.** {answer.text}" for title, answer in bullets(report))
+    if missing := not_installed(report.results):
         yield paragraph(missing)
 
 
-def _closed(study: Study, said: Presentation, blocks: list[str]) -> str:
-    return _details(said.answer.text or study.question, "\n".join(blocks))
-
-
-def _details(summary: str, content: str) -> str:
-    return f"<details><summary>{escape(summary)}</summary>\n{content}</details>"
-
-
-def _words(said: Presentation) -> Iterator[str]:
+def _section(run: StoredRun, said: Presentation) -> Iterator[str]:
     yield from (paragraph(part.text) for part in said.findings)
     if said.notes:
-        yield f"<ul>{''.join(f'<li>{escape(note)}</li>' for note in said.notes)}</ul>"
+        yield items(said.notes)
+    yield from (_figure(run, figure.name, figure.caption) for figure in said.figures)
+    yield from map(_table, said.tables)
 
 
 def _figure(run: StoredRun, name: str, caption: str) -> str:
     """The SVG of the run folder, as an image that needs no other file."""
     path = run.folder / "figures" / f"{name}.svg"
     if not path.is_file():
-        raise InputError(f"{path}: not part of this folder; expected a run folder of this version of `stiction validate`")
-    data = _lean(path.read_text(encoding="utf-8"))
-    return (f'<figure><div class="picture" tabindex="0" role="region" aria-label="{escape(name)}"><img alt="{escape(caption)}" loading="lazy" decoding="async" '
-            f'src="data:image/svg+xml,{quote(data, safe=UNQUOTED)}"></div><figcaption>{escape(caption)}</figcaption></figure>')
-
-
-def _lean(svg: str) -> str:
-    """The same picture in fewer bytes: positions to a hundredth of a point, the font once, no metadata, no groups of one, no turns by nothing."""
-    svg = re.sub(rf"<metadata>.*?</metadata>|<!DOCTYPE[^>]*>| transform=\"rotate\(-?0 [^\"]*\"|{FONT}; ", "", svg, flags=re.S)
-    svg = re.sub(r'<g id="[^"]*">', "<g>", svg).replace("</style>", f"text{{{FONT}}}</style>", 1)
-    for _ in range(GROUPS):
-        svg = re.sub(r"<g>\s*(<text [^>]*>[^<]*</text>|<(?:path|use) [^>]*/>)\s*</g>", r"\1", svg)
-    rounded = re.sub(r' (?:d|x|y)="[^"]*"', lambda found: re.sub(r"\.\d{3,}", lambda digits: digits[0][:3], found[0]), svg)
-    return re.sub(r"\s+", " ", rounded)
+        raise InputError(f"{path}: not part of this folder; expected a run folder of this version of `stiction "
+                         "validate`")
+    source = quote(path.read_text(encoding="utf-8"), safe=UNQUOTED)
+    return (f'<figure><div class="picture" tabindex="0" role="region" aria-label="{escape(name)}">'
+            f'<img alt="{escape(caption)}" loading="lazy" decoding="async" src="data:image/svg+xml,{source}"></div>'
+            f"<figcaption>{escape(caption)}</figcaption></figure>")
 
 
 def _table(view: TableView) -> str:
     """All rows and columns; the last cell of a row links to where its numbers come from."""
     cells = [[*row, key] for row, key in zip(view.cells(), keys(view), strict=True)]
-    links = [f"#key-{_anchor(key)}" for key in keys(view)]
+    links = [f"#{_anchor(key)}" for key in keys(view)]
     return table(view.caption, [*view.heads(), "key"], cells, [*view.right(), False], links)
 
 
 def _anchor(key: str) -> str:
-    return re.sub(r"[^A-Za-z0-9]+", "-", key)
+    return f"key-{re.sub(r'[^A-Za-z0-9]+', '-', key)}"
 
 
 def _origin_of(run: StoredRun, key: str) -> str:
-    """What `stiction trace` says of a key, in brief: the rows of the data, files and runs."""
+    """The rows of the data and the files behind a key, in brief, or the runs where no trajectory is stored."""
     source = resolve(run, key)
-    about = [value for what, value in told(run, source) if what in ("data", "file", "key")]
-    return f'<p id="key-{_anchor(key)}"><strong>{escape(key)}</strong>: {escape("; ".join(about))}</p>\n'
+    runs = source.rows["key"].dropna() if "key" in source.rows and not source.files else ()
+    about = "; ".join([source.place, *source.files, *dict.fromkeys(runs)])
+    return f'<p id="{_anchor(key)}"><strong>{escape(key)}</strong>: {escape(about)}</p>\n'
 
 
 def _origin(run: StoredRun) -> Iterator[tuple[str, str]]:
-    origin = run.origin
-    yield "date", origin["date"]
+    yield "date", run.origin["date"]
     for part in ("versions", "engines", "machine", "campaign", "choices"):
-        yield from ((f"{part}: {name}", str(value)) for name, value in origin[part].items())
-    if origin["commit"]:
-        yield "commit", origin["commit"]["hash"] + (" with uncommitted changes" if origin["commit"]["dirty"] else "")
+        yield from ((f"{part}: {name}", str(value)) for name, value in run.origin[part].items())
+    yield "commit", commit_in_words(run.origin)

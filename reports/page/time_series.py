@@ -1,4 +1,4 @@
-"""The time series of a run for its page: values and differences from the truth of all variants, and the mechanism that moves with them."""
+"""The time series of a run for its page: values, differences from the truth, and the mechanism that moves with them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.results import Results
-from stiction.comparisons.truth import Truth
-from stiction.comparisons.variants import Record
-from stiction.comparisons.studies.paper_figures import stick_phases
 from stiction.comparisons.methods import one_per_variant, run_label
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.paper_figures import stick_phases
+from stiction.comparisons.truth import Truth
 from stiction.reports.figures.style import Look, looks_of, variants_of
 from stiction.reports.page.document import View
 from stiction.reports.run_folder.data import truth_frame
@@ -26,20 +25,23 @@ from stiction.scenes.pictures.web import LONG, Columns, force_columns, load_sign
 SAMPLE = 0.02
 """s; samples shown, besides both sides of every event and what lines between them would leave out."""
 VISIBLE = 0.005
-"""Of the range of a panel: what a line between two samples may leave out."""
+"""Share of the range of a panel that a line between two samples may leave out."""
+APART = 0.04
+"""s; between two differences from the truth."""
 SMALLEST, DECADE = 1e-17, 0.02
 """Smaller differences are none and have no logarithm; to how much logarithms are kept (half of it: 2 %)."""
 RESOLUTION = 1e-3
-"""Of the range of a panel, or of a column that moves the mechanism: numbers are kept to half of it, less than a line is wide."""
+"""Share of the range of a panel, or of a column that moves the mechanism; numbers are kept to half of it."""
 MOST_PANELS = 12
-TRUTH_LABEL = "truth"
-QUANTITIES = {r"\.displacement$": "position along", r"\.slip_velocity$": "slip velocity along", r"^slider\.ax$": "acceleration of", r"\.F[1-4]$": "corner force",
-              r"\.effort$": "effort of"}
+TRUTHS = " of the truth"
+"""Ending of a truth's columns beside those of a run."""
+CORNER = "corner force"
+QUANTITIES = {r"\.displacement$": "position along", r"\.slip_velocity$": "slip velocity along",
+              r"^slider\.ax$": "acceleration of", r"\.F[1-4]$": CORNER, r"\.effort$": "effort of"}
 """Columns that have a panel, and what they are called."""
 TRUTH_LOOK = Look("#000000", (0, (1, 1.2)), "")
 DASH = 1.5
 """px per point of a line, of which a look gives the lengths of dashes."""
-VALUES, DIFFERENCES = "values", "differences from the truth"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,100 +55,104 @@ class Curve:
     truth: Truth | None = None
 
 
-def time_series(validation: Results) -> Iterator[View]:
-    """A view per scene that has anything to draw."""
-    for name in dict.fromkeys(record.scene for record in validation.records):
-        records = one_per_variant(record for record in validation.records if record.scene == name)
-        if len(curves := list(_curves(validation, name, records))) and (panels := _panels(scene := load_scene(name), curves)):
-            yield _view(name, scene, validation.truths.get(name), curves, panels)
+def time_series(results: Results) -> Iterator[View]:
+    """Yield a view per scene that has anything to draw."""
+    for name in dict.fromkeys(record.scene for record in results.records):
+        curves = list(_curves(results, name))
+        if curves and (panels := _panels(scene := load_scene(name), curves)):
+            yield _view(scene, results.truths.get(name), curves, panels)
 
 
-def _curves(validation: Results, scene: str, records: Sequence[Record]) -> Iterator[Curve]:
-    if truth := validation.truths.get(scene):
-        yield Curve(TRUTH_LABEL, truth_frame(truth), TRUTH_LOOK, True)
-    styles, truths = looks_of(_drawn(validation)), _truths(validation)
+def _curves(results: Results, scene: str) -> Iterator[Curve]:
+    if truth := results.truths.get(scene):
+        yield Curve("truth", truth_frame(truth), TRUTH_LOOK, True)
+    labels = {record.variant.label for record in one_per_variant(results.records)}
+    looks = looks_of({label: about for label, about in variants_of(results).items() if label in labels})
+    accuracy = results.table("accuracy")
+    compared = dict(zip(accuracy["key"], accuracy["truth"].map(results.truths.get))) if "truth" in accuracy else {}
+    records = one_per_variant(record for record in results.records if record.scene == scene)
     for record in sorted(records, key=lambda record: record.variant.engine != "reference"):
         shown = record.variant.engine != "reference" or record.trajectory.settings.get("method") == "event"
-        yield Curve(run_label(record), record.trajectory.to_frame(events=True), styles[record.variant.label], shown, truths.get(record.key, truth))
-
-
-def _drawn(results: Results) -> dict[str, tuple[str, str]]:
-    """Engine and fidelity of the variants that have curves, by label."""
-    there = {record.variant.label for record in one_per_variant(results.records)}
-    return {label: about for label, about in variants_of(results).items() if label in there}
-
-
-def _truths(validation: Results) -> dict[str, Truth]:
-    """By key of a run what it is compared with: the physics that it has."""
-    table = validation.tables.get("accuracy", pd.DataFrame())
-    return {row["key"]: validation.truths[row["truth"]] for row in table.to_dict("records") if row.get("truth") in validation.truths}
+        yield Curve(run_label(record), record.trajectory.to_frame(events=True), looks[record.variant.label], shown,
+                    compared.get(record.key) or truth)
 
 
 def _panels(scene: Scene, curves: Sequence[Curve]) -> dict[str, str]:
-    """By column the words above its panel."""
+    """Words above the panel of each column, at most `MOST_PANELS`."""
     columns = dict.fromkeys(column for curve in curves for column in curve.frame)
-    return {column: f"{words} {column.rpartition('.')[0] if not words.startswith('corner') else column} [{unit_of(column, scene)}]"
-            for pattern, words in QUANTITIES.items() for column in columns if re.search(pattern, column)}
+    panels = {column: f"{words} {column if words == CORNER else column.rpartition('.')[0]} [{unit_of(column, scene)}]"
+              for pattern, words in QUANTITIES.items() for column in columns if re.search(pattern, column)}
+    return dict(list(panels.items())[:MOST_PANELS])
 
 
-def _view(name: str, scene: Scene, truth: Truth | None, curves: Sequence[Curve], panels: Mapping[str, str]) -> View:
-    block, columns = Columns(), list(panels)[:MOST_PANELS]
-    ranges = {column: _range(column, curves) for column in columns}
-    series, runs, common = [], [], {}
-    poses, forces = pose_columns(scene), force_columns(scene)
+def _view(scene: Scene, truth: Truth | None, curves: Sequence[Curve], panels: Mapping[str, str]) -> View:
+    block, grids = Columns(), dict[bytes, int]()
+    ranges = {column: _range(column, curves) for column in panels}
+    poses, moving = pose_columns(scene), [*pose_columns(scene), *force_columns(scene)]
     drawn = [curve for curve in curves if set(poses) <= set(curve.frame)]
-    grids: dict[bytes, int] = {}
+    series, runs, common = [], [], {}
 
     def times(t: np.ndarray) -> int:
-        return grids[t.tobytes()] if t.tobytes() in grids else grids.setdefault(t.tobytes(), block.add(t, LONG))
+        if t.tobytes() not in grids:
+            grids[t.tobytes()] = block.add(t, LONG)
+        return grids[t.tobytes()]
 
     for curve in curves:
         frame = decimated(curve.frame, ranges)
-        t = frame["t"].to_numpy()
-        at = times(t)
-        places = {column: block.add(_clipped(frame[column].to_numpy(), ranges[column]), step=RESOLUTION * (ranges[column][1] - ranges[column][0])) for column in columns if column in frame}
-        differences = difference(curve, columns)
+        at, places = times(frame["t"].to_numpy()), {}
+        for column, shown in ranges.items():
+            if column in frame:
+                values = _clipped(frame[column].to_numpy(), shown)
+                places[column] = block.add(values, step=RESOLUTION * (shown[1] - shown[0]))
+        differences = difference(curve, list(panels))
         compared = None if differences.empty else times(differences["t"].to_numpy())
-        series.append({
-            "name": curve.label, "color": "ink" if curve.look.color == "#000000" else curve.look.color, "dash": [] if curve.look.dashes == "-" else [DASH * length for length in curve.look.dashes[1]],
-            "marker": False, "shown": curve.shown, "x": [at, compared],
-            "y": [[places.get(column) for column in columns],
-                  [block.add(differences[column], step=DECADE) if column in differences else None for column in columns]]})
+        sizes = {column: block.add(differences[column], step=DECADE) for column in panels if column in differences}
+        dashes = [] if curve.look.dashes == "-" else [DASH * length for length in curve.look.dashes[1]]
+        series.append({"name": curve.label, "color": "ink" if curve.look.color == "#000000" else curve.look.color,
+                       "dash": dashes, "marker": False, "shown": curve.shown, "x": [at, compared],
+                       "y": [[places.get(column) for column in panels], [sizes.get(column) for column in panels]]})
         if curve in drawn:
-            own = {column: places[column] if column in places and _whole(frame[column], ranges[column]) else block.add(frame[column], step=RESOLUTION * _spread(frame[column]))
-                   for column in (*poses, *forces) if column in frame}
+            own = {column: places[column] if column in places and _whole(frame[column], ranges[column])
+                   else block.add(frame[column], step=RESOLUTION * _spread(frame[column]))
+                   for column in moving if column in frame}
             runs.append({"name": curve.label, "t": at, "columns": own})
             if at not in common:
-                common[at] = {load: block.add(signs) for load, signs in load_signs(scene, t).items()}
+                signs = load_signs(scene, frame["t"].to_numpy())
+                common[at] = {load: block.add(sign) for load, sign in signs.items()}
     end = max(float(curve.frame["t"].iloc[-1]) for curve in curves)
-    logarithms = _range_of_differences(curves, columns)
-    content = {
-        "x": {"label": "t [s]", "range": [0.0, end], "snap": SAMPLE}, "series": series, "shades": stick_phases(truth),
-        "modes": [{"name": VALUES, "digits": 3, "panels": [{"label": panels[column], "log": False, "range": ranges[column]} for column in columns]},
-                  {"name": DIFFERENCES, "digits": 2,
-                   "panels": [{"label": f"|difference| of {panels[column]}", "log": True, "range": logarithms[column]} for column in columns]}],
-        **({"film": _film(scene, drawn[0].frame, runs, common)} if drawn else {})}
-    return View((name,), content, block)
+    logarithms = _range_of_differences(curves, list(panels))
+    values = [{"label": words, "log": False, "range": ranges[column]} for column, words in panels.items()]
+    errors = [{"label": f"|difference| of {words}", "log": True, "range": logarithms[column]}
+              for column, words in panels.items()]
+    content = {"x": {"label": "t [s]", "range": [0.0, end], "snap": SAMPLE}, "series": series,
+               "shades": stick_phases(truth),
+               "modes": [{"name": "values", "digits": 3, "panels": values},
+                         {"name": "differences from the truth", "digits": 2, "panels": errors}]}
+    if drawn:
+        content["film"] = {**_film(scene, drawn[0].frame), "runs": runs, "common": common}
+    return View((scene.name,), content, block)
 
 
-def _film(scene: Scene, frame: pd.DataFrame, runs: list[dict[str, Any]], common: Mapping[int, Mapping[str, int]]) -> dict[str, Any]:
+def _film(scene: Scene, frame: pd.DataFrame) -> dict[str, Any]:
     """The mechanism, in a view of all of the motion of a frame, whose largest corner force is the longest arrow."""
     columns = {column: frame[column].to_numpy() for column in frame if column != "tier"}
     seen = view_of(scene, [poses_at(scene, columns, row) for row in range(0, len(frame), max(1, len(frame) // 200))])
-    largest = max((float(np.nanmax(columns[column], initial=0.0)) for column in force_columns(scene) if column in columns), default=1.0) or 1.0
-    return {"mechanism": mechanism(scene, seen), "runs": runs, "common": common, "largest": largest}
+    forces = [columns[column] for column in force_columns(scene) if column in columns]
+    largest = max((float(np.nanmax(force, initial=0.0)) for force in forces), default=0.0)
+    return {"mechanism": mechanism(scene, seen), "largest": largest or 1.0}
 
 
 def _range(column: str, curves: Sequence[Curve]) -> list[float]:
-    """Of the first curve that knows the column, truth or best run: spikes of an engine leave the panel, they do not flatten it."""
-    values = next((known for curve in curves if column in curve.frame and len(known := curve.frame[column].dropna())), np.zeros(1))
+    """The range of the first curve that knows the column, truth or best run: spikes of an engine leave the panel."""
+    known = (curve.frame[column].dropna() for curve in curves if column in curve.frame)
+    values = next(filter(len, known), np.zeros(1))
     low, high = float(values.min()), float(values.max())
     room = 0.12 * (high - low) or 1.0
     return [low - room, high + room]
 
 
 def _clipped(values: np.ndarray, shown: Sequence[float]) -> np.ndarray:
-    """What lies beyond ten times the range of its panel is kept at that: the other numbers keep their digits."""
+    """Values kept within ten times the range of their panel: the other numbers keep their digits."""
     room = 10 * (shown[1] - shown[0])
     return np.clip(values, shown[0] - room, shown[1] + room)
 
@@ -162,38 +168,44 @@ def _whole(values: pd.Series, shown: Sequence[float]) -> bool:
 
 
 def decimated(frame: pd.DataFrame, ranges: Mapping[str, Sequence[float]]) -> pd.DataFrame:
-    """The rows that a screen shows: one per `SAMPLE`, both sides of every event, and peaks between them that are larger than `VISIBLE`."""
+    """Keep a row per `SAMPLE`, both sides of every event, and peaks between them that are larger than `VISIBLE`."""
     t = frame["t"].to_numpy()
+    rows = np.arange(len(t))
     twice = np.flatnonzero(np.diff(t) == 0.0)
-    kept = np.unique([*_one_per_sample(t), *twice, *(twice + 1), len(t) - 1])
+    kept = np.unique([*_one_per(SAMPLE, t), *twice, *(twice + 1), len(t) - 1])
     for _ in range(2):
         missed = np.zeros(len(t))
         for column, (low, high) in ranges.items():
             if column in frame:
                 values = frame[column].to_numpy()
-                missed = np.fmax(missed, np.abs(values - np.interp(np.arange(len(t)), kept, values[kept])) / (high - low))
-        between = np.searchsorted(kept, np.arange(len(t)))
-        worst = pd.Series(missed).groupby(between).idxmax()
+                missed = np.fmax(missed, np.abs(values - np.interp(rows, kept, values[kept])) / (high - low))
+        worst = pd.Series(missed).groupby(np.searchsorted(kept, rows)).idxmax()
         kept = np.unique([*kept, *worst[missed[worst] > VISIBLE]])
     return frame.iloc[kept]
 
 
-def _one_per_sample(t: np.ndarray) -> np.ndarray:
-    """The first row of each `SAMPLE`."""
-    return np.unique(np.floor(t / SAMPLE + 1e-6), return_index=True)[1]
+def _one_per(step: float, t: np.ndarray) -> np.ndarray:
+    """The first row of each step."""
+    return np.unique(np.floor(t / step + 1e-6), return_index=True)[1]
 
 
 def difference(curve: Curve, columns: Sequence[str]) -> pd.DataFrame:
-    """``t`` and logarithms (base 10) of sizes of differences from the truth, one per `SAMPLE` of the times of both; no rows without a truth."""
+    """Return ``t`` and logarithms (base 10) of sizes of differences from the truth, one per `APART`.
+
+    Without a truth there are no rows.
+    """
     if curve.truth is None:
         return pd.DataFrame({"t": []})
-    truth = truth_frame(curve.truth)
-    ours, theirs = (_samples(frame) for frame in (curve.frame, truth))
-    rows = pd.merge_asof(ours, theirs, on="t", tolerance=1e-9, direction="nearest", suffixes=("", " of the truth"))
-    rows = rows[rows[[name for name in rows if name.endswith(" of the truth")]].notna().any(axis=1)]
-    rows = rows.iloc[_one_per_sample(rows["t"].to_numpy())]
-    both = {column: np.abs(rows[column] - rows[f"{column} of the truth"]) for column in columns if f"{column} of the truth" in rows}
-    return pd.DataFrame({"t": rows["t"], **{column: np.log10(sizes.where(sizes > SMALLEST)) for column, sizes in both.items()}})
+    ours, theirs = _samples(curve.frame), _samples(truth_frame(curve.truth)).add_suffix(TRUTHS)
+    rows = pd.merge_asof(ours, theirs, left_on="t", right_on="t" + TRUTHS, tolerance=1e-9, direction="nearest")
+    rows = rows[rows["t" + TRUTHS].notna()]
+    rows = rows.iloc[_one_per(APART, rows["t"].to_numpy())]
+    found = {"t": rows["t"]}
+    for column in columns:
+        if column + TRUTHS in rows and column in rows:
+            sizes = np.abs(rows[column] - rows[column + TRUTHS])
+            found[column] = np.log10(sizes.where(sizes > SMALLEST))
+    return pd.DataFrame(found)
 
 
 def _samples(frame: pd.DataFrame) -> pd.DataFrame:
@@ -203,11 +215,9 @@ def _samples(frame: pd.DataFrame) -> pd.DataFrame:
 
 def _range_of_differences(curves: Sequence[Curve], columns: Sequence[str]) -> dict[str, list[float]]:
     """Whole decades that hold all but the largest and smallest hundredth of what is shown at first."""
-    found = {}
-    frames = [difference(curve, columns) for curve in curves if curve.shown]
+    found, shown = {}, pd.concat([difference(curve, columns) for curve in curves if curve.shown])
     for column in columns:
-        values = np.concatenate([frame[column].to_numpy() for frame in frames if column in frame] or [np.zeros(1)])
-        values = values[np.isfinite(values)]
+        values = shown[column].dropna() if column in shown else np.zeros(0)
         low, high = np.quantile(values, [0.01, 0.999]) if len(values) else (0.0, 0.0)
         found[column] = [float(np.floor(low)), float(max(np.ceil(high), np.floor(low) + 1))]
     return found

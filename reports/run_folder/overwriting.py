@@ -9,15 +9,16 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from stiction.comparisons.atomic_files import NotWritten, partial_name
 from stiction.scenes import StictionError
 
 PROVENANCE = "provenance.json"
-"""What makes a folder a run folder; lists its files under ``"files"``."""
+"""The file that makes a folder a run folder; lists its files under ``"files"``."""
 
 
 class FolderRefused(StictionError):
@@ -25,15 +26,14 @@ class FolderRefused(StictionError):
 
 
 def check_folder(folder: str | Path, main: str, source: Path | None = None) -> None:
-    """Whether a folder may be written: to be asked before the hours of a campaign, not after.
+    """Refuse a folder that may not be written, before the hours of a campaign.
 
-    It may if the folder does not exist, is empty, or is a previous one of the same kind to which nothing was added: then the
-    new one replaces it.
+    Allowed are a new or empty folder, and a previous one of the same kind to which nothing was added: it is replaced.
 
     Parameters
     ----------
     main
-        The file that tells the kind: ``report.md`` of a run, ``paper.pdf`` of a paper.
+        The file that shows the kind: ``report.md`` of a run, ``paper.pdf`` of a paper.
     source
         Folder that it is made from: neither it nor one around or in it may be written.
 
@@ -48,7 +48,8 @@ def check_folder(folder: str | Path, main: str, source: Path | None = None) -> N
         raise FolderRefused(f"{existing}: found a file; expected a folder, or nothing, for the report")
     source = source and source.resolve()
     if source and (folder == source or folder in source.parents or source in folder.parents):
-        raise FolderRefused(f"{folder}: found the folder that it is made from, or one around or in it ({source}); expected a place apart from it")
+        raise FolderRefused(f"{folder}: found the folder that it is made from, or one around or in it ({source}); "
+                            "expected another place")
     if existing == folder and any(folder.iterdir()):
         _check_previous(folder, main)
         existing = folder.parent
@@ -63,18 +64,27 @@ def _check_previous(folder: Path, main: str) -> None:
         raise FolderRefused(f"{folder}: not empty and no previous report ({PROVENANCE} with its list of files is "
                             "missing); expected an empty folder, a previous report, or a new name") from None
     if main not in listed:
-        raise FolderRefused(f"{folder}: found another kind of folder, without {main}, which would be lost; expected an empty folder, one with {main} of "
-                            "an earlier call, or a new name")
-    present = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir()}
-    if added := sorted(present - listed):
+        raise FolderRefused(f"{folder}: found another kind of folder, without {main}, which would be lost; "
+                            f"expected an empty folder, one with {main} of an earlier call, or a new name")
+    if added := sorted(set(_files(folder)) - listed):
         some = ", ".join(added[:3]) + (" ..." if len(added) > 3 else "")
         raise FolderRefused(f"{folder}: found {some} beside a previous report, which would be lost; expected an empty "
                             "folder, an unchanged report, or a new name")
 
 
+def _files(folder: Path) -> list[str]:
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir())
+
+
+def write_provenance(folder: Path, origin: Mapping[str, Any]) -> None:
+    """Write `PROVENANCE`, last of all: where the numbers come from, and every file of the folder."""
+    text = json.dumps({**origin, "files": [*_files(folder), PROVENANCE]}, indent=2, ensure_ascii=False)
+    (folder / PROVENANCE).write_text(text + "\n", encoding="utf-8")
+
+
 @contextmanager
 def run_folder(folder: str | Path, main: str, source: Path | None = None) -> Iterator[Path]:
-    """A folder to write to that becomes `folder` when the block ends, and vanishes if the block raises.
+    """Yield a folder to write to that becomes `folder` when the block ends, and vanishes if the block raises.
 
     Raises
     ------

@@ -1,17 +1,22 @@
-"""What it takes to make the numbers of a run again, in the folder of the run: packages, code, scenes, command."""
+"""Means to make the numbers of a run again: packages, code, scenes, the commands of campaign and runs."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from stiction.comparisons.results import Results
 from stiction.comparisons.environment import requirements
-from stiction.scenes import catalogue, load_scene, scene_to_toml
+from stiction.comparisons.results import Results
+from stiction.comparisons.variants import Record, has_static_coefficient, job, physics_of, run_key
+from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml
+from stiction.scenes.wording import as_given
 
 FOLDER = "reproduce"
+OPTIONS = ("t_end", "dt", "rtol", "output_step", "fidelity")
+"""Options of `stiction run`; all other arguments of a run are settings of the engine."""
 _STEPS = """\
 # Make these numbers again
 
@@ -22,51 +27,91 @@ With Python {python}, in the sources of stiction {stiction} {commit}, where RUN 
     .venv/bin/pip install --no-deps -e .
     .venv/bin/{command} --out again
 
-- `requirements.txt` has the versions of the packages of the suite and of its extras, as far as they were installed. Engines of others are
-  not in it: `engines` in `provenance.json` has the versions of all engines that took part.
-- `source` in `provenance.json` is the SHA-256 of the code that the numbers come from{dirty}. If the new folder has the same,
-  it was the same code. Here it is `{digest}`.
+- `requirements.txt` has the versions of the packages of the suite and of its extras, as far as they were installed.
+  Engines of others are not in it: `engines` in `provenance.json` has the versions of all engines that took part.
+- `source` in `provenance.json` is the SHA-256 of the code that the numbers come from{dirty}. If the new folder has the
+  same, it was the same code. Here it is `{digest}`.
 - The command runs on the processes of one machine: give it the `--executor` that the run had, if it was another.
-- `scenes/` has the scenes of the catalogue that were simulated, each complete in its file: `stiction run RUN/reproduce/scenes/NAME.toml`
-  runs one with later versions too. An engine without a static coefficient had mus = mu. Hard cases have changes to the catalogue's
-  scenes, and scenes of their own: `comparisons/hard/` in the sources has them.
-- In the folder of `validate`, a row of a table in `data/` whose trajectory is not stored has the command for its run alone, in `run again`.
+- `scenes/` has the scenes of the catalogue that were simulated, each complete in its file; with later versions, too,
+  `stiction run RUN/reproduce/scenes/NAME.toml` runs one. An engine without a static coefficient had mus = mu. Hard
+  cases have changes to the catalogue's scenes, and scenes of their own: `comparisons/hard/` in the sources has them.
+- In the folder of `validate`, a row of a table in `data/` whose trajectory is not stored has the command for its run
+  alone, in `run again`.
 - The machine: {machine}.
 
-With these packages on a processor of this kind, motions, events and counters come out as they are here. Another processor or
-another version rounds in other ways: what depends on rounding differs in the last digits. Times depend on the machine and on
-what else it did; their intervals say how far they can be trusted.
+With these packages on a processor of this kind, motions, events and counters are the same as here. Another processor
+or another version rounds in other ways: what depends on rounding differs in the last digits. Times depend on the
+machine and on what else it did; their intervals say how far they can be trusted.
 """
 
 
-def command(validation: Results) -> str:
-    """The command that makes the campaign, for a shell."""
-    settings = validation.settings
-    depth, engines, workers = settings.get("depth"), settings.get("engines", ()), settings.get("workers")
-    engines = [name for name in engines if name != "reference"] or engines  # it takes part beside others in any case
-    return shlex.join(["stiction", "validate", *([f"--{depth}"] if depth in ("quick", "full") else []), *(["--engines", ",".join(engines)] if engines else []),
-                       *(["--workers", str(workers)] if workers else [])])
-
-
-def write_reproduce(validation: Results, origin: Mapping[str, Any], folder: Path) -> None:
-    """Write ``reproduce/`` of a run folder: ``README.md``, ``requirements.txt``, and ``scenes/`` as `scene_names` lists them."""
+def write_reproduce(results: Results, origin: Mapping[str, Any], folder: Path) -> None:
+    """Write ``reproduce/`` of a run folder: ``README.md``, ``requirements.txt``, and the catalogue's scenes."""
     place = folder / FOLDER
-    for name in scene_names(validation):
+    place.mkdir()
+    for name in scene_names(results):
         file = place / "scenes" / f"{name}.toml"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(scene_to_toml(load_scene(name)), encoding="utf-8")
-    place.mkdir(exist_ok=True)
     (place / "requirements.txt").write_text("".join(f"{line}\n" for line in requirements()), encoding="utf-8")
     commit, versions = origin["commit"], origin["versions"]
     (place / "README.md").write_text(_STEPS.format(
         command=origin["command"], digest=origin["source"], python=versions["python"], stiction=versions["stiction"],
-        commit=f"(`git checkout {commit['hash']}`)" if commit else "(the run was not made in a checkout: no commit is known)",
+        commit=f"(`git checkout {commit['hash']}`)" if commit else "(not run in a checkout: no commit is known)",
         dirty=", which had changes that the commit does not have" if commit and commit["dirty"] else "",
         machine="; ".join(f"{name} {value}" for name, value in origin["machine"].items())), encoding="utf-8")
 
 
-def scene_names(validation: Results) -> list[str]:
-    """Of the catalogue, those of all runs and rows, sorted."""
-    known = {*catalogue(), *catalogue("hard")}
-    named = {record.scene for record in validation.records}.union(*(table["scene"] for table in validation.tables.values() if "scene" in table))
-    return sorted(known & named)
+def scene_names(results: Results) -> list[str]:
+    """Return the scenes of the catalogue that any run or row is of, sorted."""
+    rows = [table["scene"] for table in results.tables.values() if "scene" in table]
+    named = {record.scene for record in results.records}.union(*rows)
+    return sorted({*catalogue(), *catalogue("hard")} & named)
+
+
+def command(results: Results) -> str:
+    """Return the command that makes the campaign, for a shell."""
+    depth, engines, workers = (results.settings.get(name) for name in ("depth", "engines", "workers"))
+    engines = [name for name in engines or () if name != "reference"] or engines  # it takes part in any case
+    words = ["stiction", "validate", *([f"--{depth}"] if depth in ("quick", "full") else [])]
+    words += ["--engines", ",".join(engines)] if engines else []
+    return shlex.join(words + (["--workers", str(workers)] if workers else []))
+
+
+def again(record: Record) -> str | None:
+    """Return the command for a run; None if its scene is not in the catalogue.
+
+    A change of a scene by an effect is made again with all others.
+    """
+    if record.scene not in catalogue():
+        return None
+    declared = _declared(record.scene)
+    if record.key != run_key(declared, record.variant, record.step):
+        return shlex.join(["stiction", "compare", "effects", record.scene, "--engines", record.variant.engine])
+    scene = physics_of(declared, has_static_coefficient(record.variant))
+    words = ["stiction", "run", record.scene, "--engine", record.variant.engine]
+    for name, value in job(scene, record.variant, record.step).arguments.items():
+        words += ([f"--{name.replace('_', '-')}", str(value)] if name in OPTIONS
+                  else ["--setting", f"{name}={as_given(value)}"])
+    for name, guide in declared.frictional_guides.items():
+        if guide.mus != (mus := scene.guides[name].mus):
+            words += ["--set", f"{name}.mus={mus!r}"]
+    return shlex.join(words)
+
+
+@cache
+def _declared(name: str) -> Scene:
+    """Read a scene of the catalogue once: each has dozens of runs, and reading it takes 5 ms."""
+    return load_scene(name)
+
+
+def again_study(row: Mapping[str, Any]) -> str | None:
+    """Return the command for a run of the study of drift, of a row of its table; None for a failed one."""
+    if row.get("status", "ok") != "ok" or row["scene"] not in catalogue() or "time [s]" not in row:
+        return None
+    method = row["choice"].partition(" ")[0].lower()
+    words = ["stiction", "run", row["scene"], "--engine", "reference", "--t-end", f"{row['time [s]']:g}",
+             "--dt", f"{row['step']:g}", "--setting", f"stabilization={method}"]
+    for name in ("alpha", "beta") if method == "baumgarte" else ():
+        words += ["--set", f"stabilization.{name}={row[f'{name} [1/s]']:g}"]
+    return shlex.join(words)

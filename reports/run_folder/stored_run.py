@@ -1,4 +1,4 @@
-"""A run folder read back: the validation that was written, its tables as they are on disk, its provenance."""
+"""A run folder read back: the results that were written, its tables as they are on disk, its provenance."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.presentation.cells import TRAJECTORY
 from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import OWN_CPU, Record, Variant
 from stiction.engines.isolation import Outcome
-from stiction.comparisons.presentation.cells import TRAJECTORY
 from stiction.reports.run_folder.data import TRUTH, truth_file
 from stiction.reports.run_folder.overwriting import PROVENANCE
 from stiction.scenes import Cost, Event, InputError, Trajectory
@@ -34,7 +34,7 @@ class StoredRun:
     origin : Mapping
         Its ``provenance.json``.
     tables : Mapping[str, DataFrame]
-        Its tables by name, in full precision, with `stiction.reports.run_folder.data.TRAJECTORY` beside the key.
+        Its tables by name, in full precision; `TRAJECTORY` has the file of a row's trajectory.
     """
 
     folder: Path
@@ -42,28 +42,30 @@ class StoredRun:
     tables: Mapping[str, pd.DataFrame]
 
     def validation(self) -> Results:
-        """The validation, trajectories and truths included, for figures; a truth is straight between its stored samples."""
+        """Return the results, trajectories and truths included; a truth is straight between its stored samples."""
         events = pd.read_parquet(self.folder / "data" / "events.parquet")
         found = {str(key): _events(rows) for key, rows in events.groupby("key", sort=False)}
-        truths = [Path(name).stem for name in self.origin["files"] if Path(name) == Path(truth_file(Path(name).stem))]
+        truths = [Path(name).stem for name in self.origin["files"] if name == truth_file(Path(name).stem)]
         runs = self.tables["runs"]
-        ladders = runs.groupby("variant", sort=False)["step"].agg(lambda steps: tuple(dict.fromkeys(steps))) if len(runs) else {}
+        steps = {name: tuple(rows["step"].unique()) for name, rows in runs.groupby("variant")} if len(runs) else {}
+        records = [self._record(row, steps[row["variant"]], found.get(row["key"], ()))
+                   for row in runs.to_dict("records")]
         campaign = self.origin["campaign"]
-        return Results(
-            tuple(self._record(row, ladders[row["variant"]], found.get(row["key"], ())) for row in runs.to_dict("records")),
-            {name: self._truth(name, found.get(TRUTH + name, ())) for name in truths},
-            {name: table.drop(columns=TRAJECTORY, errors="ignore") for name, table in self.tables.items() if name not in ABOUT_RUNS},
-            campaign, campaign["wall [s]"], campaign["cpu [s]"])
+        tables = {name: table.drop(columns=TRAJECTORY, errors="ignore") for name, table in self.tables.items()
+                  if name not in ABOUT_RUNS}
+        return Results(tuple(records), {name: self._truth(name, found.get(TRUTH + name, ())) for name in truths},
+                       tables, campaign, campaign["wall [s]"], campaign["cpu [s]"])
 
-    def _record(self, row: Mapping[str, Any], ladder: tuple[float, ...], events: tuple[Event, ...]) -> Record:
-        variant = Variant(row["variant"], row["engine"], row["parameter"], ladder, row["fidelity"])
+    def _record(self, row: Mapping[str, Any], steps: tuple[float, ...], events: tuple[Event, ...]) -> Record:
+        variant = Variant(row["variant"], row["engine"], row["parameter"], steps, row["fidelity"])
         reason, trajectory = row["reason"], None
         if isinstance(row[TRAJECTORY], str):
             t, columns = _samples(pd.read_parquet(self.folder / row[TRAJECTORY]), events)
+            cost = Cost(stepping_s=row["cpu [s]"], engine_s=row[OWN_CPU])
             trajectory = Trajectory(row["scene"], row["engine"], row["version"], row["fidelity"], t, columns, events,
-                                    json.loads(row["settings"]), Cost(stepping_s=row["cpu [s]"], engine_s=row[OWN_CPU]), reason or "end")
-        return Record(row["key"], row["scene"], variant, row["step"],
-                      Outcome(row["key"], row["status"], trajectory, "" if trajectory else reason, wall_s=row["wall [s]"]))
+                                    json.loads(row["settings"]), cost, reason or "end")
+        outcome = Outcome(row["key"], row["status"], trajectory, "" if trajectory else reason, wall_s=row["wall [s]"])
+        return Record(row["key"], row["scene"], variant, row["step"], outcome)
 
     def _truth(self, name: str, events: tuple[Event, ...]) -> Truth:
         frame = pd.read_parquet(self.folder / truth_file(name))
@@ -72,13 +74,13 @@ class StoredRun:
         def at(times: np.ndarray, _: str) -> dict[str, np.ndarray]:
             return {column: np.interp(times, t, values) for column, values in columns.items()}
 
-        unsure = self.tables["truths"]
-        uncertainty = unsure[unsure["truth"] == name].set_index("column")["uncertainty"].to_dict()
+        known = self.tables["truths"]
+        uncertainty = known[known["truth"] == name].set_index("column")["uncertainty"].to_dict()
         return Truth(name, frame["tier"].iloc[0], float(t[-1]), at, uncertainty, events)
 
 
 def read_run(folder: str | Path) -> StoredRun:
-    """The run folder that `stiction.reports.write_report` has written.
+    """Read the run folder that `stiction.reports.write_report` has written.
 
     Raises
     ------
@@ -90,24 +92,24 @@ def read_run(folder: str | Path) -> StoredRun:
         origin = json.loads((folder / PROVENANCE).read_text(encoding="utf-8"))
         files = [folder / name for name in origin["files"]]
     except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError):
-        raise InputError(f"{folder}: found no {PROVENANCE} with a list of files; expected a run folder of `stiction validate`") from None
-    if lost := [path for path in files if not path.is_file()]:
-        raise InputError(f"{lost[0]}: missing; expected all {len(files)} files that {PROVENANCE} lists")
-    tables = {path.stem: pd.read_parquet(path) for path in files
+        raise InputError(f"{folder}: found no {PROVENANCE} with a list of files; expected a run folder of "
+                         "`stiction validate`") from None
+    if missing := [path for path in files if not path.is_file()]:
+        raise InputError(f"{missing[0]}: missing; expected all {len(files)} files that {PROVENANCE} lists")
+    tables = {path.stem: pd.read_parquet(path) for path in sorted(files)
               if path.parent == folder / "data" and path.suffix == ".parquet" and path.stem != "events"}
     if absent := [name for name in ABOUT_RUNS if name not in tables]:
-        raise InputError(f"{folder / 'data' / absent[0]}.parquet: not part of this folder; expected a run folder of this version "
-                         "of `stiction validate`")
-    return StoredRun(folder, origin, {name: tables[name] for name in (*ABOUT_RUNS, *sorted(tables.keys() - set(ABOUT_RUNS)))})
+        raise InputError(f"{folder / 'data' / absent[0]}.parquet: not part of this folder; expected a run folder of "
+                         "this version of `stiction validate`")
+    return StoredRun(folder, origin, tables)
 
 
 def _events(rows: pd.DataFrame) -> tuple[Event, ...]:
     """The events of one run; what no side of an event has a value for is no column of it."""
     known = rows.dropna(axis="columns", how="all")
-    sides = {side: known[[name for name in known if name.startswith(side)]].rename(columns=lambda name: name.partition(".")[2])
-             for side in ("before.", "after.")}
-    return tuple(Event(row.t, row.kind, row.joint, before, after) for row, before, after in zip(
-        known.itertuples(), *(frame.to_dict("records") for frame in sides.values())))
+    before, after = (known[[name for name in known if name.startswith(side)]].rename(
+        columns=lambda name: name.partition(".")[2]).to_dict("records") for side in ("before.", "after."))
+    return tuple(Event(row.t, row.kind, row.joint, *sides) for row, *sides in zip(known.itertuples(), before, after))
 
 
 def _samples(frame: pd.DataFrame, events: tuple[Event, ...]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -115,6 +117,7 @@ def _samples(frame: pd.DataFrame, events: tuple[Event, ...]) -> tuple[np.ndarray
     t = frame["t"].to_numpy()
     times, counts = np.unique([event.time for event in events], return_counts=True)
     ends = np.searchsorted(t, times, side="right")
-    inserted = np.concatenate([np.arange(end - 2 * count, end) for end, count in zip(ends, counts)] or [np.empty(0, int)])
+    sides = [np.arange(end - 2 * count, end) for end, count in zip(ends, counts)]
+    inserted = np.concatenate([np.empty(0, int), *sides])
     kept = frame.drop(index=inserted)
     return kept.pop("t").to_numpy(), {str(name): values.to_numpy() for name, values in kept.items()}

@@ -1,8 +1,8 @@
 """From a number in a table to where it comes from: key, row of the data, trajectory, settings, versions.
 
-A key is a letter for the table of the data, and the numbers of the rows: ``A12`` is row 12 (from 1, the heading not counted) of
-``data/accuracy.csv``; ``J16-30,45`` are the rows of ``data/torque.csv`` that one number summarizes. A table without a letter stands with its
-name: ``toy:3``.
+A key is a letter for the table of the data, and the numbers of the rows: ``A12`` is row 12 (from 1, the heading not
+counted) of ``data/accuracy.csv``; ``J16-30,45`` are the rows of ``data/torque.csv`` that one number summarizes. A table
+without a letter stands with its name: ``toy:3``.
 """
 
 from __future__ import annotations
@@ -13,21 +13,25 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import count, groupby
 
+import numpy as np
 import pandas as pd
 
 from stiction.comparisons.presentation.cells import TRAJECTORY
+from stiction.comparisons.presentation.table_view import TableView
 from stiction.reports.run_folder.data import truth_file
+from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.scenes import InputError
 
-LETTERS = {"accuracy": "A", "claims": "P", "cost": "C", "drift": "D", "effects": "E", "equal-error": "Q", "hard": "H", "octaves": "B", "orders": "N", "parameters": "M", "runs": "R",
-           "sensitivity": "O", "settings": "G", "study": "L", "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
+LETTERS = {"accuracy": "A", "claims": "P", "cost": "C", "drift": "D", "effects": "E", "equal-error": "Q", "hard": "H",
+           "octaves": "B", "orders": "N", "parameters": "M", "runs": "R", "sensitivity": "O", "settings": "G",
+           "study": "L", "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
 _KEY = re.compile(r"(?:([A-Z])|([\w-]+):)(\d+(?:-\d+(?:/[1-9]\d*)?)?(?:,\d+(?:-\d+)?)*)")
 
 
 @dataclass(frozen=True)
 class Source:
-    """What a key leads to.
+    """The rows and files that a key leads to.
 
     Attributes
     ----------
@@ -36,8 +40,8 @@ class Source:
     rows : DataFrame
         Its rows in full precision, by their numbers.
     files : tuple of str
-        Trajectories and truths behind the rows, relative to the run folder; none where no run is (a claim, a parameter) and where a
-        row sums up runs that are not kept (a threshold).
+        Trajectories and truths behind the rows, relative to the run folder; none where no run is (a claim, a parameter)
+        and where a row sums up runs that are not kept (a threshold).
     """
 
     key: str
@@ -51,11 +55,16 @@ class Source:
         return f"data/{self.table}.csv, row {_KEY.fullmatch(self.key.strip())[3]}"
 
 
+def keys(view: TableView) -> list[str]:
+    """Return the key of each row of a table."""
+    return [key_of(view.source, rows) for rows in view.rows]
+
+
 def key_of(table: str, rows: Iterable[int]) -> str:
-    """The key of rows of a table of the data, by their numbers from 1: ``A7``, ``A7,105``, ``J16-30``, and every 17th as ``H3-887/17``."""
+    """Return the key of rows from 1 of a table: ``A7``, ``A7,105``, ``J16-30``; every 17th row as ``H3-887/17``."""
     numbers = sorted(set(rows))
     letter = LETTERS.get(table) or f"{table}:"
-    steps = {after - before for before, after in zip(numbers, numbers[1:])}
+    steps = set(np.diff(numbers))
     if len(steps) == 1 and len(numbers) > 2 and steps != {1}:
         return f"{letter}{numbers[0]}-{numbers[-1]}/{steps.pop()}"
     runs = [list(group) for _, group in groupby(numbers, key=lambda number, place=count(): number - next(place))]
@@ -63,7 +72,7 @@ def key_of(table: str, rows: Iterable[int]) -> str:
 
 
 def resolve(run: StoredRun, key: str) -> Source:
-    """What `key` leads to in `run`.
+    """Find what `key` leads to in `run`.
 
     Raises
     ------
@@ -75,8 +84,8 @@ def resolve(run: StoredRun, key: str) -> Source:
     name = (names.get(match[1]) if match[1] else match[2]) if match else None
     if name not in run.tables:
         letters = ", ".join(f"{letter} ({name})" for letter, name in names.items())
-        raise InputError(f"key: found {key!r}; expected a letter and rows, such as A12 or J16-30,45, or the name of a table, such as accuracy:12; "
-                         f"letters of this run: {letters}")
+        raise InputError(f"key: found {key!r}; expected a letter and rows, such as A12 or J16-30,45, or the name of a "
+                         f"table, such as accuracy:12; letters of this run: {letters}")
     table, numbers = run.tables[name], []
     for part in match[3].split(","):
         ends, _, step = part.partition("/")
@@ -91,8 +100,8 @@ def resolve(run: StoredRun, key: str) -> Source:
     return Source(key, name, rows, tuple(dict.fromkeys(files)))
 
 
-def told(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:
-    """All of it, as (what, value): rows, files, settings, versions, machine, commit; what is the same in all rows once."""
+def described(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:
+    """Yield all of it, as (what, value): rows, files, settings, versions, machine, commit; equal values once."""
     yield "data", source.place
     yield from (("file", file) for file in source.files)
     for name, values in source.rows.dropna(axis="columns", how="all").items():
@@ -100,12 +109,12 @@ def told(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:
         if len(set(texts)) == 1:
             texts = texts[:1]
         if name == "settings" and len(texts) == 1:
-            yield from ((f"setting {key}", json.dumps(value, ensure_ascii=False)) for key, value in json.loads(texts[0]).items())
+            yield from ((f"setting {key}", json.dumps(value, ensure_ascii=False))
+                        for key, value in json.loads(texts[0]).items())
         elif name != TRAJECTORY:
             yield str(name), "; ".join(texts)
     origin = run.origin
-    commit = origin["commit"]
     yield "date", origin["date"]
     yield "versions", ", ".join(f"{name} {version}" for name, version in origin["versions"].items())
-    yield "commit", "not in a checkout" if commit is None else commit["hash"] + (" with uncommitted changes" if commit["dirty"] else "")
+    yield "commit", commit_in_words(origin)
     yield "machine", ", ".join(f"{name}: {value}" for name, value in origin["machine"].items())

@@ -1,4 +1,4 @@
-"""The command line `stiction`. Commands import what they need when they are called, so that ``stiction --help`` answers at once.
+"""The command line `stiction`. Commands import what they need when called, so that ``stiction --help`` answers at once.
 
 ``app``         the application and the process: signals, standard output
 ``exit_codes``  what a command ends with, and which error leads to which

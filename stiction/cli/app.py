@@ -1,4 +1,4 @@
-"""The application, and the process that it is: the working folder on the path, signals, standard output."""
+"""The application and its process: the working folder on the path, signals, standard output."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import typer
 from stiction.cli import campaign, compare, describe, pictures, prove, report, run
 from stiction.cli.exit_codes import EXIT_CODES, FAILED, Commands, say, terminate
 
-app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None, epilog=EXIT_CODES)
+app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None,
+                  epilog=EXIT_CODES)
 for part in (describe, pictures, run, prove, campaign, report):
     app.add_typer(part.commands)
 app.add_typer(compare.commands, name="compare")
@@ -27,13 +28,15 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
-def _root(_: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")] = False) -> None:
-    """Is a solver for rigid mechanisms with sliding joints, dry friction and motors right, and what does being right cost?"""
+@app.callback(help="Is a solver for rigid mechanisms with sliding joints, dry friction and motors right, and what does "
+              "being right cost?")
+def _root(_: Annotated[bool, typer.Option(
+        "--version", callback=_version, is_eager=True, help="Show the version and exit.")] = False) -> None:
+    pass
 
 
 def main() -> None:
-    """The command `stiction`; ``--engine module:Class`` is looked up in the working folder too."""
+    """Run the command `stiction`; ``--engine module:Class`` is looked up in the working folder too."""
     sys.path.append(os.getcwd())
     signal.signal(signal.SIGTERM, terminate)
     if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # of stiction.silent_interrupt

@@ -1,4 +1,4 @@
-"""What there is to run, and what is made of a scene: ``scenes``, ``engines``, ``explain``, ``export``."""
+"""Lists of scenes and engines, and what is made of a scene: ``scenes``, ``engines``, ``explain``, ``export``."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ commands = typer.Typer()
 
 
 @commands.command("scenes")
-def list_scenes(folder: Annotated[str, typer.Argument(metavar="[FOLDER]", help="hard: the scenes of `stiction compare hard`.")] = "") -> None:
-    """The scenes of the catalogue, or of a folder of it, and the effects that they declare."""
+def list_scenes(folder: Annotated[str, typer.Argument(
+        metavar="[FOLDER]", help="hard: the scenes of `stiction compare hard`.")] = "") -> None:
+    """List the scenes of the catalogue, or of a folder of it, and the effects that they declare."""
     from stiction.reference_impl.multibody.equation_blocks import blocks
     from stiction.scenes import catalogue, load_scene
 
@@ -37,9 +38,10 @@ def list_scenes(folder: Annotated[str, typer.Argument(metavar="[FOLDER]", help="
 
 
 @commands.command("engines")
-def list_engines(name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One of them, or module:Class: its settings, their defaults and "
-                                                            "what they mean.")] = None) -> None:
-    """The engines: version or why it is missing, fidelities, friction law and who supplies it."""
+def list_engines(name: Annotated[str | None, typer.Argument(
+        metavar="[NAME]", help="One of them, or module:Class: its settings, their defaults and what they mean."
+        )] = None) -> None:
+    """List the engines: version or why it is missing, fidelities, friction law and who supplies it."""
     if name is not None:
         _describe(name)
         return
@@ -50,16 +52,16 @@ def list_engines(name: Annotated[str | None, typer.Argument(metavar="[NAME]", he
         if isinstance(engine, EngineMissing):
             rows.append((name, engine.state, *[""] * 4, str(engine)))
             continue
-        can = engine.capabilities
-        rows += [(name, engine.version, fidelity, "yes" if can.static_coefficient.get(fidelity) else "no", can.order, can.reactions,
-                  can.friction_law.get(fidelity, "")) for fidelity in can.fidelities]
+        rows += [(name, engine.version, fidelity, mus, engine.capabilities.order, engine.capabilities.reactions, law)
+                 for fidelity, mus, law in fidelities_of(engine)]
     show(("engine", "version", "fidelity", "mus", "order", "reactions from", "friction law (supplied by)"), rows)
 
 
 @commands.command()
 def explain(scene: SceneName, overrides: Overrides = []) -> None:
-    """What the reference assembles for a scene and what it leaves out, the size of its complementarity problem, and who refuses it."""
-    from stiction.reference_impl.multibody.equation_blocks import blocks, constraint_components, constraint_rows, hlcp_size, rank
+    """Show what the reference assembles for a scene, the size of its complementarity problem, and who refuses it."""
+    from stiction.reference_impl.multibody.equation_blocks import (blocks, constraint_components, constraint_rows,
+                                                                   hlcp_size, rank)
     from stiction.reference_impl.multibody.subsystems import independent_parts
 
     loaded = scene_of(scene, overrides)
@@ -70,14 +72,16 @@ def explain(scene: SceneName, overrides: Overrides = []) -> None:
     show(("block", "so"), [(block.name, block.absence) for block in blocks(loaded) if not block.elements])
     coordinates, rows, independent = 3 * len(loaded.bodies), constraint_rows(loaded), rank(loaded)
     redundant = f" ({rows - independent} redundant at the start: minimum-norm forces)" if independent < rows else ""
-    print(f"Freedoms: {coordinates - independent} = {coordinates} coordinates - {independent} independent of {rows} constraint "
-          f"rows{redundant}\n\nComplementary pairs in the horizontal linear complementarity problem (HLCP), by contact mode, and equations of the linear solve while it lasts:")
+    print(f"Freedoms: {coordinates - independent} = {coordinates} coordinates - {independent} independent of {rows} "
+          f"constraint rows{redundant}\n\nComplementary pairs in the horizontal linear complementarity problem (HLCP), "
+          "by contact mode, and equations of the linear solve while it lasts:")
     sliders = len(loaded.frictional_guides)
     show(("contact mode", "HLCP", "linear"),
          [(_mode(sliders, sticking), str(hlcp_size(loaded, sticking)), str(rows + sticking))
           for sticking in sorted({0, min(1, sliders), sliders})])
     groups = constraint_components(loaded)
-    print(f"Independent parts, each integrated on its own: {len(independent_parts(loaded))}\nIndependent components of the constraint graph: {len(groups)}")
+    print(f"Independent parts, each integrated on its own: {len(independent_parts(loaded))}\n"
+          f"Independent components of the constraint graph: {len(groups)}")
     show(("component", "bodies"), [(str(i), _few(group)) for i, group in enumerate(groups[:EVENTS_SHOWN], 1)])
     print("Engines:")
     show(("engine", "fidelity", "represents it"), list(_refusals(loaded)))
@@ -85,10 +89,13 @@ def explain(scene: SceneName, overrides: Overrides = []) -> None:
 
 @commands.command()
 def export(scene: SceneName, overrides: Overrides = [],
-           to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="mjcf (MuJoCo), urdf, or exudyn (a Python script).")] = "mjcf",
-           fidelity: Annotated[str, typer.Option(metavar="joint|contact", help="Bilateral joints, or (mjcf) a box between surfaces.")] = "joint",
-           out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Where to write it; shown if not given.")] = None) -> None:
-    """The scene as a model that an engine's users know."""
+           to: Annotated[str, typer.Option(
+               "--to", metavar="FORMAT", help="mjcf (MuJoCo), urdf, or exudyn (a Python script).")] = "mjcf",
+           fidelity: Annotated[str, typer.Option(
+               metavar="joint|contact", help="Bilateral joints, or (mjcf) a box between surfaces.")] = "joint",
+           out: Annotated[Path | None, typer.Option(
+               "--out", metavar="FILE", help="Where to write it; shown if not given.")] = None) -> None:
+    """Write the scene as a model that an engine's users know."""
     from stiction.comparisons.atomic_files import write_text
     from stiction.engines.exudyn.engine import scene_as_script
     from stiction.engines.mujoco.engine import scene_as_mjcf
@@ -102,7 +109,8 @@ def export(scene: SceneName, overrides: Overrides = [],
     if to not in writers:
         raise typer.BadParameter(f"found {to!r}; expected {', '.join(writers)}", param_hint="--to")
     if fidelity not in (can := FIDELITIES if to == "mjcf" else ("joint",)):
-        raise typer.BadParameter(f"found {fidelity!r}; expected {' or '.join(can)} with --to {to}", param_hint="--fidelity")
+        raise typer.BadParameter(f"found {fidelity!r}; expected {' or '.join(can)} with --to {to}",
+                                 param_hint="--fidelity")
     if out is not None:
         check_written(out, option="--out")
     text = writers[to](scene_of(scene, overrides))
@@ -119,9 +127,9 @@ def _describe(name: str) -> None:
 
     engine = load_engine(name)
     can = engine.capabilities
-    print(f"{engine.name} {engine.version}: order {can.order}; reactions: {can.reactions}\n\n{cleandoc(type(engine).__doc__ or '')}\n")
-    show(("fidelity", "mus", "friction law (supplied by)"),
-         [(fidelity, "yes" if can.static_coefficient.get(fidelity) else "no", can.friction_law.get(fidelity, "")) for fidelity in can.fidelities])
+    print(f"{engine.name} {engine.version}: order {can.order}; reactions: {can.reactions}\n\n"
+          f"{cleandoc(type(engine).__doc__ or '')}\n")
+    show(("fidelity", "mus", "friction law (supplied by)"), fidelities_of(engine))
     heading, *rows = table_of_defaults(engine)
     if rows:
         print(f"Settings, for `stiction run SCENE --engine {name} --setting KEY=VALUE`:")
@@ -131,8 +139,15 @@ def _describe(name: str) -> None:
         print(f"How it is driven, why these defaults, what was measured: {page}")
 
 
+def fidelities_of(engine: Engine) -> list[tuple[str, str, str]]:
+    """Return by fidelity whether it has a static coefficient, and its friction law."""
+    can = engine.capabilities
+    return [(fidelity, "yes" if can.static_coefficient.get(fidelity) else "no", can.friction_law.get(fidelity, ""))
+            for fidelity in can.fidelities]
+
+
 def table_of_defaults(engine: Engine) -> list[tuple[str, ...]]:
-    """The heading, then a row a setting: its name and its default by fidelity, empty where the fidelity has no such setting."""
+    """Return a heading, then by setting its default in each fidelity, empty where the fidelity has no such setting."""
     from stiction.scenes.wording import as_given
 
     defaults = {fidelity: engine.default_settings(fidelity) for fidelity in engine.capabilities.fidelities}

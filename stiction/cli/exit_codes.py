@@ -1,4 +1,4 @@
-"""What a command ends with: exit codes, and the errors that lead to them."""
+"""Exit codes, and the errors that lead to them."""
 
 from __future__ import annotations
 
@@ -13,30 +13,31 @@ import typer
 from typer.core import TyperGroup
 
 FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, NOT_COMPARED, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 4, 5, 130, 143
-EXIT_CODES = ("Exit codes: 0 done (in validate, compare and sweep, what failed is a row of the result); 1 the run failed: the "
-              "engine failed, refused, crashed, is not installed or ran out of time, or in validate a run of the reference did, "
-              "or in compare and sweep nobody's came out; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
-              "3 regression (nightly, check), or a truth has moved (baseline update); 4 no regression, but not everything could be "
-              "run (nightly, check); 5 nothing was compared, for want of a baseline (nightly, check); 130 interrupted; 143 ended by SIGTERM. A bug ends with its traceback, and 1.")
-IN_BRIEF = "Exit codes: 0 done, 1 failed, 2 bad input, 3 regression, 4 not all could be run, 5 nothing compared; `stiction --help` says more."
-
-
+EXIT_CODES = (
+    "Exit codes: 0 done (in validate, compare and sweep, what failed is a row of the result); 1 the run failed: the "
+    "engine failed, refused, crashed, is not installed or ran out of time, or in validate a run of the reference did, "
+    "or in compare and sweep all runs did; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
+    "3 regression (nightly, check), or a truth has moved (baseline update); 4 no regression, but not everything could "
+    "run (nightly, check); 5 nothing was compared, for want of a baseline (nightly, check); 130 interrupted; 143 ended "
+    "by SIGTERM. A bug ends with its traceback, and 1.")
+IN_BRIEF = ("Exit codes: 0 done, 1 failed, 2 bad input, 3 regression, 4 not all could be run, 5 nothing compared; "
+            "`stiction --help` says more.")
 SAME_SIGNAL_S = 1.0
-"""The same signal again within it is the same one: GNU ``timeout`` sends one to the command and then one to its group."""
+"""The same signal again within it is the same one: GNU ``timeout`` signals the command and then its group."""
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM: it leaves behind what an interrupt leaves behind, with an exit code of its own."""
+    """SIGTERM: it leaves the same behind as an interrupt, with an exit code of its own."""
 
 
 class Commands(TyperGroup):
-    """A group whose commands say their exit codes, and end with them: errors of the suite's family in words, others with a traceback."""
+    """A group whose commands end with exit codes: errors of the suite with a message, others with a traceback."""
 
     def get_command(self, ctx: Any, name: str) -> Any:
         command = super().get_command(ctx, name)
         if command is not None:
             command.epilog = IN_BRIEF
-            command.short_help = command.help  # whole in the list of commands: else it is cut at the width of a column
+            command.short_help = command.help  # else cut at the width of a column in the list of commands
         return command
 
     def invoke(self, ctx: Any) -> Any:
@@ -59,25 +60,28 @@ def say(message: str) -> None:
 
 
 def ended(code: int, message: str) -> typer.Exit:
-    """The end of a command with an exit code, whose reason is told on standard error; to be raised."""
+    """Print the reason on standard error, and return the end of a command with an exit code, to be raised."""
     say(message)
     return typer.Exit(code)
 
 
 def interrupted(by: KeyboardInterrupt, left: str = "") -> typer.Exit:
-    """The end of a command by a signal, and what it has left; to be raised."""
+    """Print what a signal has left, and return the end of the command, to be raised."""
     code, words = (TERMINATED, "ended by SIGTERM") if isinstance(by, Terminated) else (INTERRUPTED, "interrupted")
     return ended(code, f"{words}: {left}" if left else words)
 
 
 def terminate(*_: Any) -> None:
-    """The handler of SIGTERM: leave as after an error, temporary folders removed and children ended."""
+    """Handle SIGTERM: leave as after an error, temporary folders removed and children ended."""
     raise Terminated
 
 
 @contextmanager
 def first_signal(taken_by: Callable[[KeyboardInterrupt], None]) -> Iterator[None]:
-    """The first interrupt or SIGTERM goes to `taken_by`, wherever it comes; another one, or that one again after `SAME_SIGNAL_S`, ends the command as ever."""
+    """Give the first interrupt or SIGTERM to `taken_by`, wherever it comes.
+
+    Another one, or the same again after `SAME_SIGNAL_S`, ends the command as ever.
+    """
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def restore() -> None:

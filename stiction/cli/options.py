@@ -1,6 +1,6 @@
 """Options and arguments that several commands have. Each is checked and converted before the command is called.
 
-What is wrong with an option is a `typer.BadParameter`, which names the option; what is wrong with a scene or an engine has its own error.
+What is wrong with an option is a `typer.BadParameter`, which names it; a scene or an engine has its own errors.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ TABLES = (".csv", ".parquet")
 def positive(text: float | str) -> float:
     """A number > 0, or arithmetic with that value."""
     try:
-        value = float(text)  # as nearly all are: without the scenes, whose import takes longer than all of the command line
+        value = float(text)  # as nearly all are: the import of the scenes takes longer than all of the command line
     except ValueError:
         value = _value_of(str(text))
     if not 0.0 < value < math.inf:
@@ -84,15 +84,19 @@ def _settings(given: list[str]) -> list[tuple[str, Any]]:
 
 
 def check_written(path: Path, endings: Sequence[str] = (), option: str | None = None) -> None:
-    """Refuse a file that cannot be written, or has none of these endings (any will do if there are none), before it is computed."""
+    """Refuse a file that cannot be written, or has none of these endings (if any), before it is computed."""
+    wrong = ""
     if endings and path.suffix.lower() not in endings:
-        raise typer.BadParameter(f"found {str(path)!r}; expected a name that ends in {' or '.join(endings)}", param_hint=option)
-    try:
-        writable = path.parent.is_dir() and not path.is_dir() and all(os.access(place, os.W_OK) for place in (path, path.parent) if place.exists())
-    except OSError as error:  # a name too long
-        raise typer.BadParameter(f"found {str(path)!r}; {error.strerror}", param_hint=option) from None
-    if not writable:
-        raise typer.BadParameter(f"found {str(path)!r}; expected a file in a folder that exists and can be written", param_hint=option)
+        wrong = f"expected a name that ends in {' or '.join(endings)}"
+    else:
+        try:
+            places = [place for place in (path, path.parent) if place.exists()]
+            if path.is_dir() or not path.parent.is_dir() or not all(os.access(place, os.W_OK) for place in places):
+                wrong = "expected a file in a folder that exists and can be written"
+        except OSError as error:  # a name too long
+            wrong = str(error.strerror)
+    if wrong:
+        raise typer.BadParameter(f"found {str(path)!r}; {wrong}", param_hint=option)
 
 
 def _table(path: Path | None) -> Path | None:
@@ -103,7 +107,7 @@ def _table(path: Path | None) -> Path | None:
 
 @contextmanager
 def about(option: str) -> Iterator[None]:
-    """Tell what the suite or the system has against a file or folder as something wrong with this option."""
+    """Report what the suite or the system has against a file or folder as something wrong with this option."""
     from stiction.scenes import StictionError
 
     try:
@@ -112,10 +116,11 @@ def about(option: str) -> Iterator[None]:
         raise typer.BadParameter(str(error), param_hint=option) from error
 
 
-def apart(option: str, path: Path | None, other: Path | None) -> None:
+def distinct(option: str, path: Path | None, other: Path | None) -> None:
     """Refuse an output that the command reads, or writes as something else."""
     if path is not None and other is not None and path.resolve() == other.resolve():
-        raise typer.BadParameter(f"found {str(path)!r}, which the command needs for something else; expected another file", param_hint=option)
+        raise typer.BadParameter(f"found {str(path)!r}, which the command needs for something else; expected another "
+                                 "file", param_hint=option)
 
 
 def scene_of(name: str, overrides: Sequence[str]) -> Scene:
@@ -125,35 +130,50 @@ def scene_of(name: str, overrides: Sequence[str]) -> Scene:
 
 
 def _scene_names(begun: str) -> list[str]:
-    """What a shell completes; where no name fits, it goes on with files."""
+    """Names that a shell completes; where none fits, it goes on with files."""
     from stiction.scenes import catalogue
 
     return [name for name in (*catalogue(), *catalogue("hard")) if name.startswith(begun)]
 
 
-SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of the catalogue (see `stiction scenes`) or a TOML file.",
-                                          autocompletion=_scene_names)]
+SceneName = Annotated[str, typer.Argument(
+    metavar="SCENE", autocompletion=_scene_names, help="Name of the catalogue (see `stiction scenes`) or a TOML file.")]
 Overrides = Annotated[list[str], typer.Option(
-    "--set", metavar="KEY=VALUE", help="Replace a value of the scene: F0=4, motor.rate=pi/2, guide.mu=0.1, bar.position.0=1, "
-                                       "gravity=[0,-1.62]; without a value, remove it. Repeatable.")]
-Settings = Annotated[list[str], typer.Option("--setting", metavar="KEY=VALUE", callback=_settings,
-                                             help="A setting of the engine, e.g. stabilization=projection. Repeatable.")]
+    "--set", metavar="KEY=VALUE", help="Replace a value of the scene: F0=4, motor.rate=pi/2, guide.mu=0.1, "
+    "bar.position.0=1, gravity=[0,-1.62]; without a value, remove it. Repeatable.")]
+Settings = Annotated[list[str], typer.Option(
+    "--setting", metavar="KEY=VALUE", callback=_settings,
+    help="A setting of the engine, e.g. stabilization=projection. Repeatable.")]
+EngineName = Annotated[str, typer.Option("--engine", metavar="NAME", help="See `stiction engines`; or module:Class.")]
+Fidelity = Annotated[str, typer.Option(
+    "--fidelity", metavar="joint|contact", help="Bilateral joints, or a box between surfaces.")]
 Engines = Annotated[list[str], typer.Option(
-    "--engines", metavar="A,B,..", callback=_engines, help="Engines beside the reference; all known ones if not given. Names or module:Class.")]
-Workers = Annotated[int | None, typer.Option(metavar="N", parser=count, help="Child processes at a time; the number of CPUs if not given.")]
-ExecutorName = Annotated[str, typer.Option("--executor", metavar="processes|dask[:ADDRESS]", help="Processes of this machine, or a Dask cluster: one on this "
-                                           "machine, or that of the scheduler at ADDRESS. What is timed stays here.")]
-Timeout = Annotated[float, typer.Option(metavar="S", parser=positive, help="Seconds that one run may take before it is given up.")]
+    "--engines", metavar="A,B,..", callback=_engines,
+    help="Engines to compare with the reference; all known ones if not given. Names or module:Class.")]
+Workers = Annotated[int | None, typer.Option(
+    metavar="N", parser=count, help="Child processes at a time; the number of CPUs if not given.")]
+ExecutorName = Annotated[str, typer.Option(
+    "--executor", metavar="processes|dask[:ADDRESS]", help="Processes of this machine, or a Dask cluster: one on this "
+    "machine, or that of the scheduler at ADDRESS. What is timed stays here.")]
+Timeout = Annotated[float, typer.Option(
+    metavar="S", parser=positive, help="Seconds that one run may take before it is given up.")]
 Assemble = Annotated[bool, typer.Option("--assemble", help="Move a start that violates the constraints onto them.")]
-EndTime = Annotated[float | None, typer.Option("--t-end", metavar="S", parser=positive, help="Seconds to simulate; the scene's own if not given.")]
+EndTime = Annotated[float | None, typer.Option(
+    "--t-end", metavar="S", parser=positive, help="Seconds to simulate; the scene's own if not given.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
-Full = Annotated[bool, typer.Option("--full", help="Fine steps, long drift, every hard case, what the paper leaves open, settings of the engines: an hour or more.")]
-TableFile = Annotated[Path | None, typer.Option("--out", metavar="FILE", callback=_table, help="Write all columns and rows: .csv or .parquet.")]
+Full = Annotated[bool, typer.Option(
+    "--full", help="Fine steps, long drift, every hard case, what the paper leaves open, settings of the engines: "
+    "an hour or more.")]
+TableFile = Annotated[Path | None, typer.Option(
+    "--out", metavar="FILE", callback=_table, help="Write all columns and rows: .csv or .parquet.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder that `stiction validate` has written.")]
-CampaignFile = Annotated[Path | None, typer.Argument(metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given.")]
-BaselineFile = Annotated[str | None, typer.Option("--baseline", metavar="REF", help="A file, a commit (its version of the suite's own "
-                                                  "baseline), or COMMIT:PATH; the suite's own if not given.")]
-OneEngine = Annotated[str | None, typer.Option("--engine", metavar="NAME", help="This engine alone: a name or module:Class. One derived "
-                                               "from an engine of the campaign takes its place.")]
-OtherScenes = Annotated[list[str], typer.Option("--scenes", metavar="A,B,..", help="Scenes of the catalogue or TOML files in place of the "
-                                                "campaign's.")]
+CampaignFile = Annotated[Path | None, typer.Argument(
+    metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given.")]
+BaselineFile = Annotated[str | None, typer.Option(
+    "--baseline", metavar="REF", help="A file, a commit (its version of the suite's own baseline), or COMMIT:PATH; "
+    "the suite's own if not given.")]
+OneEngine = Annotated[str | None, typer.Option(
+    "--engine", metavar="NAME", help="This engine alone: a name or module:Class. One derived from an engine of the "
+    "campaign takes its place.")]
+OtherScenes = Annotated[list[str], typer.Option(
+    "--scenes", metavar="A,B,..", help="Scenes of the catalogue or TOML files in place of the campaign's.")]

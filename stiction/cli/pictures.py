@@ -7,23 +7,27 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stiction.cli.options import Overrides, SceneName, apart, check_written, scene_of
+from stiction.cli.options import Overrides, SceneName, distinct, check_written, scene_of
 
 if TYPE_CHECKING:
     from stiction.scenes import Trajectory
 
 commands = typer.Typer()
 
-Plot = Annotated[Path | None, typer.Option("--plot", metavar="FILE", help="Plot displacement, slip velocity, corner forces, friction and motor effort: .svg, .pdf or .png.")]
-Animation = Annotated[Path | None, typer.Option("--animate", metavar="FILE", help="Make a film of the mechanism and the forces on its sliders: "
-                                                ".gif, .html, or .mp4 where ffmpeg is installed.")]
+Plot = Annotated[Path | None, typer.Option(
+    "--plot", metavar="FILE", help="Plot displacement, slip velocity, corner forces, friction and motor effort: .svg, "
+    ".pdf or .png.")]
+Animation = Annotated[Path | None, typer.Option(
+    "--animate", metavar="FILE", help="Make a film of the mechanism and the forces on its sliders: .gif, .html, or "
+    ".mp4 where ffmpeg is installed.")]
 
 
 @commands.command()
 def new(file: Annotated[Path, typer.Argument(metavar="FILE", help="The scene to write: .toml, not there yet.")],
-        like: Annotated[str | None, typer.Option(metavar="SCENE", help="A copy of this scene of the catalogue; a small one with friction that "
-                                                 "explains itself if not given.")] = None) -> None:
-    """Begin a scene of your own: a scene file, and beside it the schema by which an editor completes and checks it."""
+        like: Annotated[str | None, typer.Option(
+            metavar="SCENE", help="A copy of this scene of the catalogue; a small one with friction that explains "
+            "itself if not given.")] = None) -> None:
+    """Begin a scene of your own: a scene file, and the schema by which an editor completes and checks it."""
     from stiction.comparisons.atomic_files import write_text
     from stiction.scenes import new_scene_text, scene_text
     from stiction.scenes.schema import SCHEMA_FILE, scene_schema_text
@@ -41,9 +45,10 @@ def new(file: Annotated[Path, typer.Argument(metavar="FILE", help="The scene to 
 
 
 @commands.command()
-def draw(scene: SceneName, out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The picture: .svg, .pdf or .png.")],
+def draw(scene: SceneName,
+         out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The picture: .svg, .pdf or .png.")],
          overrides: Overrides = []) -> None:
-    """Draw a scene at t = 0: bodies, pins, guides with the corners of their sliders numbered, drives, springs, loads."""
+    """Draw a scene at t = 0: bodies, pins, guides with numbered corners of their sliders, drives, springs, loads."""
     from stiction.comparisons.atomic_files import whole_file
     from stiction.scenes.pictures.picture import ENDINGS
 
@@ -55,8 +60,9 @@ def draw(scene: SceneName, out: Annotated[Path, typer.Option("--out", "-o", meta
 
 
 @commands.command()
-def schema(out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write it to a file: .json.")] = None) -> None:
-    """The JSON schema of the scene format, for editors."""
+def schema(out: Annotated[Path | None, typer.Option(
+        "--out", metavar="FILE", help="Write it to a file: .json.")] = None) -> None:
+    """Print the JSON schema of the scene format, for editors."""
     from stiction.comparisons.atomic_files import write_text
     from stiction.scenes.schema import scene_schema_text
 
@@ -69,19 +75,19 @@ def schema(out: Annotated[Path | None, typer.Option("--out", metavar="FILE", hel
 
 
 def check_pictures(plot: Path | None, animation: Path | None, out: Path | None) -> None:
-    """Whether they can be written, asked before the run."""
+    """Refuse, before the run, pictures that cannot be written."""
     if plot is not None:
         from stiction.scenes.pictures.picture import ENDINGS as pictures
 
         check_written(plot, pictures, "--plot")
-        apart("--plot", plot, out)
+        distinct("--plot", plot, out)
     if animation is not None:
         from stiction.scenes import InputError
         from stiction.scenes.pictures.animation import ENDINGS as films
         from stiction.scenes.pictures.animation import check_animation
 
         check_written(animation, films, "--animate")
-        apart("--animate", animation, plot)
+        distinct("--animate", animation, plot)
         try:
             check_animation(animation)
         except InputError as error:
@@ -89,7 +95,7 @@ def check_pictures(plot: Path | None, animation: Path | None, out: Path | None) 
 
 
 def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | None) -> None:
-    """What was asked for of a run that moved; prints the names of the files."""
+    """Write the pictures of a run that moved, and print the names of the files."""
     if len(trajectory.t) < 2 or plot is None and animation is None:
         return
     from stiction.comparisons.atomic_files import whole_file

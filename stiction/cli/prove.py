@@ -18,16 +18,22 @@ _MOST_DIGITS, _MOST_PLACES = 1000, 11
 
 
 @commands.command()
-def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of the catalogue or a TOML file; with --check a file that "
-                                                                    "`stiction prove` has written.")],
-          digits: Annotated[int, typer.Option(metavar="N", help="Decimal places of positions, velocities and times of events.")] = 12,
-          overrides: Annotated[list[str], typer.Option("--set", metavar="KEY=VALUE", help="Replace a value of the scene. Repeatable.")] = [],
-          t_end: Annotated[str | None, typer.Option("--t-end", metavar="S", help="Seconds to prove; the scene's own if not given.")] = None,
-          out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the proof: .json, to be checked with --check.")] = None,
+def prove(scene: Annotated[str, typer.Argument(
+              metavar="SCENE", help="Name of the catalogue or a TOML file; with --check a file that `stiction prove` "
+              "has written.")],
+          digits: Annotated[int, typer.Option(
+              metavar="N", help="Decimal places of positions, velocities and times of events.")] = 12,
+          overrides: Annotated[list[str], typer.Option(
+              "--set", metavar="KEY=VALUE", help="Replace a value of the scene. Repeatable.")] = [],
+          t_end: Annotated[str | None, typer.Option(
+              "--t-end", metavar="S", help="Seconds to prove; the scene's own if not given.")] = None,
+          out: Annotated[Path | None, typer.Option(
+              metavar="FILE", help="Write the proof: .json, to be checked with --check.")] = None,
           check: Annotated[bool, typer.Option("--check", help="Prove anew every claim of a file.")] = False,
-          threshold: Annotated[int | None, typer.Option("--threshold", metavar="N", help="Instead: prove the largest F0 with a stick phase to "
-                                                        "N decimal places (slider-bar).")] = None) -> None:
-    """Enclose a motion with a proof: contact modes, events, existence and uniqueness; numbers of the scene as they are written."""
+          threshold: Annotated[int | None, typer.Option(
+              "--threshold", metavar="N", help="Instead: prove the largest F0 with a stick phase to N decimal places "
+              "(slider-bar).")] = None) -> None:
+    """Enclose a motion with a proof: contact modes, events, existence, uniqueness; the scene's numbers as written."""
     from stiction.scenes import InputError
 
     _require_library()
@@ -39,7 +45,7 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
         raise InputError(f"--out: found {out}; expected a file that ends in .json")
     if check:
         if overrides or out is not None:
-            raise InputError("--check: found --set, --t-end or --out beside it; expected a file alone")
+            raise InputError("--check: found --set, --t-end or --out, too; expected a file alone")
         _check(Path(scene))
     elif threshold is not None:
         if not 1 <= threshold <= _MOST_PLACES:
@@ -50,7 +56,7 @@ def prove(scene: Annotated[str, typer.Argument(metavar="SCENE", help="Name of th
 
 
 def verified_set(solver: str, problems: Path | None) -> pd.DataFrame:
-    """The table of `stiction replay --verify`."""
+    """Return the table of `stiction replay --verify`."""
     _require_library()
     from stiction.comparisons.proof.verification import verified
 

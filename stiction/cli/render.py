@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from stiction.comparisons.results import Results
     from stiction.comparisons.studies.study import Study
+    from stiction.reports.report import Report
     from stiction.scenes import Scene, Trajectory
 
 EVENTS_SHOWN = 20
@@ -31,76 +32,66 @@ _GAP = 3
 """Characters between two columns on a terminal."""
 
 
-@contextmanager
-def progress(title: str) -> Iterator[tuple[Callable[[int], None], Callable[[Any], None]]]:
-    """A bar with the time left on standard error, if that is a terminal: calls for the number of runs and for each result.
+class Progress:
+    """A bar with the time left on standard error, if that is a terminal, and what is said above it.
 
-    A run of many that ended with a bug is a row like any other that failed; its traceback is printed on standard error when all are done.
+    A run that ended with a bug is a failed run like any other; its traceback is printed when all are done.
     """
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    started = time.monotonic()
-    with _bugs() as collect, Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[state]}"),
-                                      console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(title, total=None, state="")
+    def __init__(self, title: str):
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        def start(number: int) -> None:
-            bar.update(task, total=number, state=f"0 of {number}")
+        columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[state]}")
+        self._console = Console(stderr=True)
+        self.bar = Progress(*columns, console=self._console, transient=True, disable=not sys.stderr.isatty())
+        self._task = self.bar.add_task(title, total=None, state="")
+        self._started, self._total, self._done, self._left = time.monotonic(), 0, 0, ""
+        self.bugs: list[Any] = []
 
-        def count(result: Any) -> None:
-            bar.advance(task)
-            found = bar.tasks[task]
-            if found.total:
-                share = found.completed / found.total
-                bar.update(task, state=f"{found.completed:g} of {found.total:g}, {left(started, share)}")
-            collect(result)
+    def start(self, number: int) -> None:
+        """Show how many results will come."""
+        self._total = number
+        self.bar.update(self._task, total=number, state=f"0 of {number}")
 
-        yield start, count
-
-
-@contextmanager
-def validation_progress(title: str) -> Iterator[tuple[Callable[[Any], None], Callable[[float], None], Callable[[Study, Results], None]]]:
-    """A validation as it goes on, on standard error: a line with the answer of each study that is done and, on a terminal, a bar with the time left.
-
-    Calls for each result, for the share of the work that is done, and for each study; of bugs see `progress`. Without a terminal the time left stands
-    at the end of the lines.
-    """
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-
-    started, console = time.monotonic(), Console(stderr=True)
-    with _bugs() as collect, Progress(TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
-                                      console=console, transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(title, total=1.0, left="")
-
-        def on_share(share: float) -> None:
-            bar.update(task, completed=share, left=left(started, share))
-
-        def on_study(study: Study, results: Results) -> None:
-            if answer := study.present(results).answer:
-                left = bar.tasks[task].fields["left"]
-                console.print(f"{study.title}: {answer.text}" + (f" ({left})" if bar.disable and left else ""), markup=False, highlight=False, soft_wrap=True)
-
-        yield collect, on_share, on_study
-
-
-@contextmanager
-def _bugs() -> Iterator[Callable[[Any], None]]:
-    """A call for each result; the tracebacks of bugs among them are printed in the end."""
-    bugs = []
-
-    def collect(result: Any) -> None:
+    def collect(self, result: Any) -> None:
+        """Keep a bug."""
         if getattr(result, "traceback", ""):  # a chunk of a sweep has none
-            bugs.append(result)
+            self.bugs.append(result)
 
-    yield collect
-    for result in bugs:
+    def result(self, result: Any) -> None:
+        """Count a result."""
+        self.collect(result)
+        self._done += 1
+        if self._total:
+            self.share(self._done / self._total, f"{self._done} of {self._total}, ")
+
+    def share(self, share: float, counted: str = "") -> None:
+        """Show the part of the work that is done, 0 to 1, and the time left."""
+        self._left = left(self._started, share)
+        total = self._total or 1.0
+        self.bar.update(self._task, total=total, completed=share * total, state=counted + self._left)
+
+    def study(self, study: Study, results: Results) -> None:
+        """Print the answer of a study that is done, on one line; without a terminal the time left stands at its end."""
+        if answer := study.present(results).answer:
+            remaining = f" ({self._left})" if self.bar.disable and self._left else ""
+            line = f"{study.title}: {answer.text}{remaining}"
+            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Progress]:
+    """Show the progress of some work, and then the tracebacks of its bugs."""
+    shown = Progress(title)
+    with shown.bar:
+        yield shown
+    for result in shown.bugs:
         say(f"{result.label} ended with a bug:\n{result.traceback}")
 
 
 def left(started: float, share: float) -> str:
-    """``3 min left``, by the time that a share (0 < share <= 1) of the work has taken since `time.monotonic` was `started`."""
+    """``3 min left``, by the time that a share (0 < share <= 1) of the work has taken since `started`."""
     return f"{duration((time.monotonic() - started) * (1 / share - 1))} left"
 
 
@@ -110,9 +101,10 @@ def duration(seconds: float) -> str:
 
 
 def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """A table on standard output, in which no number is cut; nothing of one without rows.
+    """Print a table, in which no number is cut; nothing of one without rows.
 
-    On a terminal words are wrapped to its width; where numbers do not fit in it, each row is a paragraph. Without a terminal columns are aligned, one line per row.
+    On a terminal words are wrapped to its width; where numbers do not fit in it, each row is a paragraph. Without a
+    terminal columns are aligned, one line per row.
     """
     rows = list(rows)
     if not rows:
@@ -129,10 +121,11 @@ def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
     console, table, least = Console(markup=False, highlight=False), Table(box=box.SIMPLE_HEAD), 0
     for name, *cells in zip(columns, *rows):
-        longest, word = max(map(len, cells), default=0), max(len(word) for text in (name, *cells) for word in (text.split() or [""]))
+        longest, head = max(map(len, cells)), _longest_word([name])
         whole = longest <= UNBROKEN
-        least += _GAP + (max(longest, max(map(len, name.split() or [""]))) if whole else min(word, UNBROKEN))
-        table.add_column(textwrap.fill(name, max(longest, 1), break_long_words=False) if whole else name, no_wrap=whole, overflow="fold")
+        least += _GAP + (max(longest, head) if whole else min(max(head, _longest_word(cells)), UNBROKEN))
+        heading = textwrap.fill(name, max(longest, 1), break_long_words=False) if whole else name
+        table.add_column(heading, no_wrap=whole, overflow="fold")
     if least > console.width:
         for first, *others in rows:
             print(f"{columns[0]}: {first}")
@@ -143,8 +136,12 @@ def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     console.print(table)
 
 
+def _longest_word(texts: Iterable[str]) -> int:
+    return max((len(word) for text in texts for word in text.split()), default=0)
+
+
 def show_table(table: pd.DataFrame) -> None:
-    """All of a table on standard output, numbers rounded by what their column is."""
+    """Print all of a table, numbers rounded by what their column is."""
     from stiction.comparisons.presentation.cells import MISSING, cell
 
     rows = [[cell(name, value) for name, value in row.items()] for row in table.to_dict("records")]
@@ -154,47 +151,55 @@ def show_table(table: pd.DataFrame) -> None:
 
 
 def show_truths(table: pd.DataFrame) -> None:
-    """What errors are measured against, where that is not independent of us or has a note."""
+    """Print what errors are measured against, where that is not independent of us or has a note."""
     from stiction.comparisons.measures.scene_truth import OWN_RTOL, OWN_RUN
 
     for (tier, note), _ in table.groupby(["truth tier", "truth note"]) if "truth note" in table else ():
-        words = [f"errors are against our own run at rtol {OWN_RTOL:g} (not independent)"] if tier == OWN_RUN else []
-        if words or note:
-            print(f"truth, {tier}: " + "; ".join(filter(None, (*words, note))))
+        own = f"errors are against our own run at rtol {OWN_RTOL:g} (not independent)" if tier == OWN_RUN else ""
+        if words := "; ".join(filter(None, (own, note))):
+            print(f"truth, {tier}: {words}")
 
 
 def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
-    """End state, efforts, drift, events and cost."""
+    """Print end state, efforts, drift, events and cost."""
     import numpy as np  # imported here: most of what is printed needs none of it
 
     times = f"t = 0 .. {trajectory.t[-1]:g} s" if len(trajectory.t) > 1 else "no motion"
-    print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, {times}, {len(trajectory.t)} rows")
+    print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, {times}, "
+          f"{len(trajectory.t)} rows")
     if len(trajectory.t) < 2:
         return
     show(("setting", "value"), [(key, str(value)) for key, value in trajectory.settings.items()])
-    state = ("x", "y", "angle", "vx", "vy", "omega")
-    told = _above_noise(trajectory)
+    state, digits = ("x", "y", "angle", "vx", "vy", "omega"), _above_noise(trajectory)
     show(("end state [m, rad, s]", *state),
-         [(name, *(told(f"{name}.{key}", trajectory[f"{name}.{key}"][-1]) for key in state)) for name in scene.bodies])
+         [(body, *(digits(f"{body}.{key}", trajectory[f"{body}.{key}"][-1]) for key in state))
+          for body in scene.bodies])
+    forces = {name: (np.fmin.reduce(values), np.fmax.reduce(values), values[-1])
+              for name, values in trajectory.columns.items()
+              if name.rpartition(".")[2] in ("effort", "normal_force", "friction") or name.startswith("drift.")}
     show(("over time", "smallest", "largest", "at the end"),
-         [(name, *("left open" if value != value else told(name, value) for value in (np.fmin.reduce(values), np.fmax.reduce(values), values[-1])))
-          for name, values in trajectory.columns.items()
-          if name.rpartition(".")[2] in ("effort", "normal_force", "friction") or name.startswith("drift.")])
-    if trajectory.events:
-        efforts = [f"{name}.effort" for name in scene.drives]
-        # events without values have none, nor has one the values of another part of the scene
-        several = any(event.other_modes for event in trajectory.events)
-        show(("event [s]", "kind", "joint", *(f"jump of {name}" for name in efforts), *(["other consistent modes"] if several else [])),
-             [(f"{event.time:.9f}", event.kind, event.joint, *(told(name, event.jump(name)) if name in event.before else "" for name in efforts),
-               *([str(event.other_modes)] if several else []))
-              for event in trajectory.events[:EVENTS_SHOWN]])
-        if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
-            print(f"... and {more} more events")
+         [(name, *("left open" if np.isnan(value) else digits(name, value) for value in values))
+          for name, values in forces.items()])
+    _show_events(trajectory, [f"{name}.effort" for name in scene.drives], digits)
     cost = trajectory.cost
-    times = (f"{cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, {cost.stepping_s:.3g} s stepping, "
-             f"{cost.own_s:.3g} s of it in the engine itself")
+    times = (f"{cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, "
+             f"{cost.stepping_s:.3g} s stepping, {cost.own_s:.3g} s of it in the engine itself")
     counts = ", ".join(f"{name} {count}" for name, count in cost.counters.items())
     print("CPU: " + "; ".join(filter(None, (times, counts))))
+
+
+def _show_events(trajectory: Trajectory, efforts: Sequence[str], digits: Callable[[str, float], str]) -> None:
+    """Events with the jumps of efforts; those without values have none, nor has one an effort of another part."""
+    several = any(event.other_modes for event in trajectory.events)
+    heads = ("event [s]", "kind", "joint", *(f"jump of {name}" for name in efforts))
+    rows = []
+    for event in trajectory.events[:EVENTS_SHOWN]:
+        jumps = (digits(name, event.jump(name)) if name in event.before else "" for name in efforts)
+        row = (f"{event.time:.9f}", event.kind, event.joint, *jumps)
+        rows.append((*row, str(event.other_modes)) if several else row)
+    show((*heads, "other consistent modes") if several else heads, rows)
+    if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
+        print(f"... and {more} more events")
 
 
 def _above_noise(trajectory: Trajectory) -> Callable[[str, float], str]:
@@ -206,31 +211,33 @@ def _above_noise(trajectory: Trajectory) -> Callable[[str, float], str]:
 
     from stiction.scenes.columns import unit_of
 
-    kinds, largest, drift = {"rad": "m", "rad/s": "m/s", "N m": "N", "N m or N": "N"}, {}, {"m": "drift.position", "m/s": "drift.velocity"}
+    same = {"rad": "m", "rad/s": "m/s", "N m": "N", "N m or N": "N"}
+    drift = {"m": "drift.position", "m/s": "drift.velocity"}
+    largest: dict[str, float] = {}
+
+    def kind_of(name: str) -> str:
+        return same.get(unit := unit_of(name), unit)
+
     for name, values in trajectory.columns.items():
         if name not in drift.values():
-            kind = kinds.get(unit := unit_of(name), unit)
-            largest[kind] = max(largest.get(kind, 0.0), np.nanmax(np.abs(values), initial=0.0))
+            largest[kind_of(name)] = max(largest.get(kind_of(name), 0.0), np.nanmax(np.abs(values), initial=0.0))
 
-    def told(name: str, value: float) -> str:
-        kind = kinds.get(unit := unit_of(name), unit)
-        noise = 0.0
-        if kind in largest:
-            drifted = np.nanmax(trajectory[drift[kind]], initial=0.0) if kind in drift else 0.0
-            noise = largest[kind] * max(ROUNDING, min(drifted / (largest[kind] or 1.0), 10.0 ** -DIGITS))
+    def digits(name: str, value: float) -> str:
+        size, column = largest.get(kind_of(name), 0.0), drift.get(kind_of(name))
+        drifted = np.nanmax(trajectory[column], initial=0.0) if column else 0.0
+        noise = size * max(ROUNDING, min(drifted / (size or 1.0), 10.0 ** -DIGITS))
         return "0" if abs(value) <= noise else f"{value:.{DIGITS}g}"
 
-    return told
+    return digits
 
 
-def show_summary(results: Results) -> None:
-    """The answers of page one, a line each."""
+def show_summary(report: Report) -> None:
+    """Print the answers of page one, a line each."""
     from stiction.reports.page_one import answer_lines
-    from stiction.reports.presentations import presentations
 
-    if taken_over := results.settings["runs taken over"]:
+    if taken_over := report.results.settings["runs taken over"]:
         print(f"{taken_over} runs were taken over from an earlier call.")
-    for line in answer_lines(results, presentations(results)):
+    for line in answer_lines(report):
         print(line)
 
 
@@ -246,7 +253,7 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
 
 @contextmanager
 def or_shown(shown: Callable[[], None]) -> Iterator[None]:
-    """Show a result that could not be written, lest it is lost."""
+    """Show a result that cannot be written, so that it is not in vain."""
     from stiction.scenes import StictionError
 
     try:

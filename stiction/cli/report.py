@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from stiction.cli.options import RunFolder, about, apart, check_written
+from stiction.cli.options import RunFolder, about, distinct, check_written
 from stiction.cli.render import show
 
 commands = typer.Typer()
@@ -16,10 +16,12 @@ commands = typer.Typer()
 @commands.command()
 def paper(run: RunFolder,
           out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write: new, empty, or of an earlier call.")],
-          width: Annotated[str, typer.Option(metavar="double|single", help="Of the figures: both columns of a journal page, 174 mm, or one, "
-                                             "84 mm.")] = "double",
-          author: Annotated[list[str] | None, typer.Option(metavar="NAME", help="Below the title; once for each.")] = None) -> None:
-    """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF; the same run gives the same bytes."""
+          width: Annotated[str, typer.Option(
+              metavar="double|single", help="Of the figures: both columns of a journal page, 174 mm, or one, 84 mm."
+          )] = "double",
+          author: Annotated[list[str] | None, typer.Option(
+              metavar="NAME", help="Below the title; once for each.")] = None) -> None:
+    """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF; reproducible to the byte."""
     from stiction.reports import check_folder
     from stiction.reports.figures.style import COLUMNS
     from stiction.reports.paper import AUTHORS, MAIN, write_paper
@@ -34,18 +36,20 @@ def paper(run: RunFolder,
 
 
 @commands.command()
-def page(source: Annotated[Path, typer.Argument(metavar="RUN|HISTORY", help="Folder of a run, or the history of `stiction nightly`.")],
-         out: Annotated[Path | None, typer.Option(metavar="FILE", help="beside RUN or HISTORY, .html added to its name, if not given.")]
-         = None) -> None:
+def page(source: Annotated[Path, typer.Argument(
+             metavar="RUN|HISTORY", help="Folder of a run, or the history of `stiction nightly`.")],
+         out: Annotated[Path | None, typer.Option(
+             metavar="FILE", help="The name of RUN or HISTORY with .html added, if not given.")] = None) -> None:
     """Write a run, or the history of the nights, as a page for a browser; it needs no network."""
     from stiction.reports.page import write_history_page, write_run_page
     from stiction.reports.run_folder.stored_run import read_run
 
     if not source.exists():
-        raise typer.BadParameter(f"found {str(source)!r}, which is not there; expected the folder of a run, or a history", param_hint="RUN|HISTORY")
+        raise typer.BadParameter(f"found {str(source)!r}, which is not there; expected the folder of a run, or a "
+                                 "history", param_hint="RUN|HISTORY")
     file = out or source.with_name(source.resolve().name + ".html")
     check_written(file, (".html",), "--out")
-    apart("--out", file, source)
+    distinct("--out", file, source)
     if source.is_dir():
         write_run_page(read_run(source), file)
     else:
@@ -55,10 +59,11 @@ def page(source: Annotated[Path, typer.Argument(metavar="RUN|HISTORY", help="Fol
 
 
 @commands.command()
-def trace(run: RunFolder, key: Annotated[str, typer.Argument(metavar="KEY", help="In the last column of a table: A12, J16-30.")]) -> None:
-    """Where a number in a table of `paper` or `page` comes from: row, trajectory, truth, settings, versions."""
+def trace(run: RunFolder, key: Annotated[str, typer.Argument(
+        metavar="KEY", help="In the last column of a table: A12, J16-30.")]) -> None:
+    """Show where a number in a table of `paper` or `page` comes from: row, trajectory, truth, settings, versions."""
     from stiction.reports.run_folder.stored_run import read_run
-    from stiction.reports.run_folder.trace import resolve, told
+    from stiction.reports.run_folder.trace import described, resolve
 
     stored = read_run(run)
-    show(("what", "value"), told(stored, resolve(stored, key)))
+    show(("what", "value"), described(stored, resolve(stored, key)))

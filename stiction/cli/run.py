@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from stiction.cli.exit_codes import FAILED, ended, interrupted, say
-from stiction.cli.options import (Assemble, EndTime, ExecutorName, Overrides, SceneName, Settings, TableFile, Timeout, Workers, about, apart, listed,
-                                  positive, scene_of)
+from stiction.cli.options import (Assemble, EndTime, EngineName, ExecutorName, Fidelity, Overrides, SceneName, Settings,
+                                  TableFile, Timeout, Workers, about, distinct, listed, positive, scene_of)
 from stiction.cli.pictures import Animation, Plot, check_pictures, write_pictures
 from stiction.cli.prove import verified_set
 from stiction.cli.render import EVENTS_SHOWN, or_shown, progress, show, show_table, show_trajectory, write_table
@@ -24,41 +26,35 @@ RUN_TIMEOUT = 600.0
 
 
 @commands.command()
-def run(scene: SceneName,
-        engine: Annotated[str, typer.Option(metavar="NAME", help="See `stiction engines`; or module:Class.")] = "reference",
-        fidelity: Annotated[str, typer.Option(metavar="joint|contact", help="Bilateral joints, or a box between surfaces.")] = "joint",
-        t_end: EndTime = None,
-        dt: Annotated[float | None, typer.Option(metavar="H", parser=positive, help="Step in seconds of a fixed-step method.")] = None,
-        rtol: Annotated[float | None, typer.Option(metavar="R", parser=positive, help="Relative tolerance of an adaptive method.")] = None,
-        output_step: Annotated[float, typer.Option(metavar="S", parser=positive, help="Seconds between the rows of the result.")] = 0.01,
-        overrides: Overrides = [], settings: Settings = [], assemble: Assemble = False,
-        out: TableFile = None,
-        events: Annotated[bool, typer.Option("--events", help="In FILE two more rows per event: values before and after it.")] = False,
+def run(scene: SceneName, engine: EngineName = "reference", fidelity: Fidelity = "joint", t_end: EndTime = None,
+        dt: Annotated[float | None, typer.Option(
+            metavar="H", parser=positive, help="Step in seconds of a fixed-step method.")] = None,
+        rtol: Annotated[float | None, typer.Option(
+            metavar="R", parser=positive, help="Relative tolerance of an adaptive method.")] = None,
+        output_step: Annotated[float, typer.Option(
+            metavar="S", parser=positive, help="Seconds between the rows of the result.")] = 0.01,
+        overrides: Overrides = [], settings: Settings = [], assemble: Assemble = False, out: TableFile = None,
+        events: Annotated[bool, typer.Option(
+            "--events", help="In FILE two more rows per event: values before and after it.")] = False,
         plot: Plot = None, animation: Animation = None, timeout: Timeout = 600,
-        traceback: Annotated[bool, typer.Option("--traceback", help="If the run fails, print the end of what the engine printed, its traceback "
-                                                "included. Of a bug it is always printed.")] = False) -> None:
+        traceback: Annotated[bool, typer.Option(
+            "--traceback", help="If the run fails, print the end of what the engine printed, its traceback included. "
+            "Of a bug it is always printed.")] = False) -> None:
     """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
-    from stiction.engines import Task, isolate
     from stiction.engines.command_run import run_as_asked
-    from stiction.scenes import InputError
 
     loaded, chosen = scene_of(scene, overrides), dict(settings)
     check_pictures(plot, animation, out)
     if dt is not None and rtol is not None:
-        raise typer.BadParameter(f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance", param_hint="--dt, --rtol")
+        raise typer.BadParameter(f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance",
+                                 param_hint="--dt, --rtol")
     arguments = {"t_end": t_end, "dt": dt, "rtol": rtol, "output_step": output_step, "fidelity": fidelity}
     if taken := chosen.keys() & arguments.keys():
-        raise typer.BadParameter(f"found {', '.join(taken)}; expected it as an option of its own", param_hint="--setting")
-    with progress(f"{engine} on {loaded.name}") as (_, on_result):
-        [outcome] = isolate([Task("run", run_as_asked, (engine, loaded, assemble, arguments | chosen))],
-                            workers=1, timeout_s=timeout, on_result=on_result, on_note=say)
-    if isinstance(outcome.value, InputError):
-        raise outcome.value
-    if outcome.status != "ok":
-        if traceback and outcome.log and not outcome.bug:  # of a bug it is printed already
-            print(outcome.log, file=sys.stderr)
-        raise ended(FAILED, f"{engine} on {loaded.name}: {outcome.status}: {outcome.reason}")
-    trajectory: Trajectory = outcome.value
+        raise typer.BadParameter(f"found {', '.join(taken)}; expected it as an option of its own",
+                                 param_hint="--setting")
+    title = f"{engine} on {loaded.name}"
+    given = engine, loaded, assemble, arguments | chosen
+    trajectory: Trajectory = _in_child(title, run_as_asked, given, timeout, traceback)
     if out is None:
         show_trajectory(trajectory, loaded)
     else:
@@ -68,33 +64,53 @@ def run(scene: SceneName,
     write_pictures(trajectory, plot, animation)
     if trajectory.termination != "end":
         where = "" if trajectory.breakdown or not len(trajectory.t) else f" at t = {trajectory.t[-1]:g} s"
-        raise ended(FAILED, f"{engine} on {loaded.name}: stopped{where}: {trajectory.termination}")
+        raise ended(FAILED, f"{title}: stopped{where}: {trajectory.termination}")
+
+
+def _in_child(title: str, function: Callable[..., Any], arguments: tuple[Any, ...], timeout: float,
+              traceback: bool = False) -> Any:
+    """Call a function in a child process; bad input is raised here, any other failure ends the command."""
+    from stiction.engines import Task, isolate
+    from stiction.scenes import InputError
+
+    with progress(title) as bar:
+        [outcome] = isolate([Task("run", function, arguments)], workers=1, timeout_s=timeout, on_result=bar.result,
+                            on_note=say)
+    if isinstance(outcome.value, InputError):
+        raise outcome.value
+    if outcome.status != "ok":
+        if traceback and outcome.log and not outcome.bug:  # of a bug it is printed already
+            print(outcome.log, file=sys.stderr)
+        raise ended(FAILED, f"{title}: {outcome.status}: {outcome.reason}")
+    return outcome.value
 
 
 @commands.command()
 def sweep(scene: SceneName,
-          vary: Annotated[list[str], typer.Option("--vary", metavar="KEY=FROM:TO:COUNT|KEY=A,B,..", help="An axis of the grid: F0=0.5:6:100, "
-                                                  "guide.mu=0.01,0.03. Repeatable; one axis is drawn as a curve, two as a map.")],
-          measure: Annotated[list[str], typer.Option("--measure", metavar="A,B,..", help="stick-fraction, peak-torque, peak-speed, "
-                                                     "event-count; threshold: largest F0 with a stick phase.")],
-          engine: Annotated[str, typer.Option(metavar="NAME", help="See `stiction engines`; or module:Class.")] = "reference",
-          fidelity: Annotated[str, typer.Option(metavar="joint|contact", help="Bilateral joints, or a box between surfaces.")] = "joint",
-          workers: Workers = None,
-          executor: ExecutorName = "processes",
-          timeout: Timeout = 240,
-          t_end: Annotated[float | None, typer.Option("--t-end", metavar="S", parser=positive, help="End of every run; twice the scene's own, or 30 periods of "
-                                                      "its loads and drives if that is more, if not given.")] = None,
-          settle: Annotated[float | None, typer.Option(metavar="S", parser=positive, help="What the motion does before is not looked at; a third of the "
-                                                       "end if not given.")] = None,
-          dt: Annotated[float | None, typer.Option(metavar="H", parser=positive,
-                                                   help="Largest step in seconds of a fixed-step method; of engines that have no "
-                                                        "other 1 ms, less where the scene is fast, if not given.")] = None,
-          rtol: Annotated[float, typer.Option(metavar="R", parser=positive,
-                                              help="Relative tolerance of an adaptive method; a steady motion repeats itself "
-                                                   "to 1000 times that.")] = 1e-6,
+          vary: Annotated[list[str], typer.Option(
+              "--vary", metavar="KEY=FROM:TO:COUNT|KEY=A,B,..", help="An axis of the grid: F0=0.5:6:100, "
+              "guide.mu=0.01,0.03. Repeatable; one axis is drawn as a curve, two as a map.")],
+          measure: Annotated[list[str], typer.Option(
+              "--measure", metavar="A,B,..", help="stick-fraction, peak-torque, peak-speed, event-count; threshold: "
+              "largest F0 with a stick phase.")],
+          engine: EngineName = "reference", fidelity: Fidelity = "joint", workers: Workers = None,
+          executor: ExecutorName = "processes", timeout: Timeout = 240,
+          t_end: Annotated[float | None, typer.Option(
+              "--t-end", metavar="S", parser=positive, help="End of every run; twice the scene's own, or 30 periods of "
+              "its loads and drives if that is more, if not given.")] = None,
+          settle: Annotated[float | None, typer.Option(
+              metavar="S", parser=positive, help="What the motion does before is not looked at; a third of the end if "
+              "not given.")] = None,
+          dt: Annotated[float | None, typer.Option(
+              metavar="H", parser=positive, help="Largest step in seconds of a fixed-step method; of engines that have "
+              "no other 1 ms, less where the scene is fast, if not given.")] = None,
+          rtol: Annotated[float, typer.Option(
+              metavar="R", parser=positive, help="Relative tolerance of an adaptive method; a steady motion repeats "
+              "itself to 1000 times that.")] = 1e-6,
           overrides: Overrides = [],
-          out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder; sweeps/<scene>-<digest> if not given. The same command goes "
-                                                   "on with what is there.")] = None) -> None:
+          out: Annotated[Path | None, typer.Option(
+              metavar="DIR", help="Folder; sweeps/<scene>-<digest> if not given. The same command goes on with what is "
+              "there.")] = None) -> None:
     """Measure the steady state over a grid of parameters; starts are moved onto the constraints.
 
     A motion that neither rests nor repeats itself has none, and its point no number.
@@ -102,76 +118,96 @@ def sweep(scene: SceneName,
     from stiction.comparisons.studies import sweep as sweeps
     from stiction.comparisons.studies.executors import check_executor, open_isolate
     from stiction.comparisons.studies.steady_state_measures import SteadyRun
-    from stiction.reports.figures.map import sweep_drawings
-    from stiction.reports.figures.style import rc, save
 
     loaded = scene_of(scene, overrides)
     end = t_end or sweeps.usual_end(loaded)
-    asked = SteadyRun(settle or end / 3, end, rtol, engine, fidelity, dt)
+    steady = SteadyRun(settle or end / 3, end, rtol, engine, fidelity, dt)
     axes = tuple(sweeps.parse_axis(text) for text in vary)
-    specification = sweeps.Specification(loaded, axes, tuple(listed(measure)), asked, timeout)
+    specification = sweeps.Specification(loaded, axes, tuple(listed(measure)), steady, timeout)
     folder = out or Path("sweeps") / f"{loaded.name}-{specification.digest[:8]}"
     check_executor(executor)
     with about("--out"):
         sweeps.check_folder(specification, folder)
     try:
-        with open_isolate(executor, workers) as made_by, progress(f"sweep of {loaded.name}") as (on_start, on_result):
-            result = sweeps.sweep(specification, folder, workers=workers, made_by=made_by, on_start=on_start,
-                                  on_result=on_result)
+        with open_isolate(executor, workers) as made_by, progress(f"sweep of {loaded.name}") as bar:
+            result = sweeps.sweep(specification, folder, workers=workers, made_by=made_by, on_start=bar.start,
+                                  on_result=bar.result)
     except KeyboardInterrupt as interrupt:
         raise interrupted(interrupt, f"the same command goes on with the points that are kept for {folder}") from None
+    _show_sweep(result, folder)
+
+
+def _show_sweep(result: Any, folder: Path) -> None:
+    """Draw the maps, print their ranges and the reasons of failed points, and fail where all points failed."""
+    from stiction.reports.figures.map import sweep_drawings
+    from stiction.reports.figures.style import rc, save
+
     with rc():
         for drawing in sweep_drawings(result):
             save(drawing, folder, kinds=("png", "pdf"))
-    tables = {part: table for part, table in (("map", result.map), ("threshold", result.threshold)) if table is not None}
+    parts = {"map": result.map, "threshold": result.threshold}
+    tables = {part: table for part, table in parts.items() if table is not None}
     print(folder)
+    columns = [(part, name, table[name]) for part, table in tables.items() for name in table.columns
+               if "[" in name and not name.startswith("window")]
     show(("table", "column", "smallest", "largest", "points", "without a number"),
-         [(part, name, f"{table[name].min():.6g}", f"{table[name].max():.6g}", str(len(table)), str(table[name].isna().sum()))
-          for part, table in tables.items() for name in table.columns if "[" in name and not name.startswith("window")])
+         [(part, name, f"{values.min():.6g}", f"{values.max():.6g}", str(len(values)), str(values.isna().sum()))
+          for part, name, values in columns])
     for part, table in tables.items():
-        lost = table.loc[table["status"] != "ok", "status"] + ": " + table["reason"]
-        for reason, points in lost.value_counts()[:EVENTS_SHOWN].items():
+        failed = table[table["status"] != "ok"]
+        for reason, points in (failed["status"] + ": " + failed["reason"]).value_counts()[:EVENTS_SHOWN].items():
             print(f"{part}: {points} points: {reason}")
     if not any((table["status"] == "ok").any() for table in tables.values()):
-        raise ended(FAILED, "no point came out")
+        raise ended(FAILED, "all points failed")
 
 
 @commands.command()
-def replay(solver: Annotated[str, typer.Option(metavar="MODULE:FUNCTION", help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); "
-                                               "None where it finds none.")] = "stiction.comparisons.complementarity.replay:lemke",
-           problems: Annotated[Path | None, typer.Option(metavar="FILE", help="A stored set; that of the suite if not given.")] = None,
-           run: Annotated[str | None, typer.Option("--run", metavar="SCENE", help="Instead of a stored set: the problems of a run of the reference "
-                                                   "at the ends of its steps, at the audits in them and on both sides of its events.")] = None,
+def replay(solver: Annotated[str, typer.Option(
+               metavar="MODULE:FUNCTION", help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); None where it "
+               "finds none.")] = "stiction.comparisons.complementarity.replay:lemke",
+           problems: Annotated[Path | None, typer.Option(
+               metavar="FILE", help="A stored set; that of the suite if not given.")] = None,
+           run: Annotated[str | None, typer.Option(
+               "--run", metavar="SCENE", help="Instead of a stored set: the problems of a run of the reference at the "
+               "ends of its steps, at the audits in them and on both sides of its events.")] = None,
            overrides: Overrides = [],
-           verify: Annotated[bool, typer.Option("--verify", help="Prove of each problem that it has a solution or none, and judge the "
-                                                "solver by that (takes the extra stiction[proof]).")] = False,
-           export: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write the set as Matrix Market files instead; --problems "
-                                                       "reads them back.")] = None,
+           verify: Annotated[bool, typer.Option(
+               "--verify", help="Prove of each problem that it has a solution or none, and judge the solver by that "
+               "(takes the extra stiction[proof]).")] = False,
+           export: Annotated[Path | None, typer.Option(
+               metavar="FOLDER", help="Write the set as Matrix Market files instead; --problems reads them back."
+           )] = None,
            workers: Workers = None, timeout: Timeout = 60, out: TableFile = None) -> None:
     """Run any solver of (horizontal) linear complementarity problems over a set of them; a row per class."""
-    apart("--out", out, problems)
-    if run is None:
-        if overrides:
-            raise typer.BadParameter("found it without --run; expected a scene whose values it replaces", param_hint="--set")
-        _replay(solver, problems, verify, export, workers, timeout, out)
-        return
-    if problems is not None:
+    distinct("--out", out, problems)
+    if run is None and overrides:
+        raise typer.BadParameter("found it without --run; expected a scene whose values it replaces",
+                                 param_hint="--set")
+    if run is not None and problems is not None:
         raise typer.BadParameter("found both; expected a stored set or a run", param_hint="--run, --problems")
-    from tempfile import TemporaryDirectory
-
-    from stiction.engines import Task, isolate
-    from stiction.scenes import InputError
-
-    scene = scene_of(run, overrides)
     with TemporaryDirectory() as folder:
-        met = Path(folder) / "met.parquet"
-        with progress(f"reference on {scene.name}") as (_, on_result):
-            [outcome] = isolate([Task("run", _write_met, (scene, met))], workers=1, timeout_s=RUN_TIMEOUT, on_result=on_result)
-        if isinstance(outcome.value, InputError):
-            raise outcome.value
-        if outcome.status != "ok":
-            raise ended(FAILED, f"reference on {scene.name}: {outcome.status}: {outcome.reason}")
-        _replay(solver, met, verify, export, workers, timeout, out)
+        if run is not None:
+            scene, problems = scene_of(run, overrides), Path(folder) / "met.parquet"
+            _in_child(f"reference on {scene.name}", _write_met, (scene, problems), RUN_TIMEOUT)
+        if export is not None:
+            from stiction.comparisons.complementarity.exchange import write_folder
+            from stiction.comparisons.complementarity.problems import read_problems
+
+            print(f"{export}: {write_folder(read_problems(problems), export)} problems")
+        elif verify:
+            _show_replay(verified_set(solver, problems), out)
+        else:
+            from stiction.comparisons.complementarity.replay import replay as run_set
+
+            with progress(f"replay of {solver}") as bar:
+                table = run_set(solver, problems, timeout_s=timeout, workers=workers, on_start=bar.start,
+                                on_result=bar.result)
+            _show_replay(table, out)
+            failed = table[table["problems"] == 0]
+            if len(failed):
+                first = failed.iloc[0]
+                raise ended(FAILED, f"{len(failed)} of {len(table)} classes failed: "
+                                    f"{first['class']}: {first['reason']}")
 
 
 def _write_met(scene: Scene, path: Path) -> int | InputError:
@@ -185,26 +221,7 @@ def _write_met(scene: Scene, path: Path) -> int | InputError:
         return error
 
 
-def _replay(solver: str, problems: Path | None, verify: bool, export: Path | None, workers: int | None, timeout: float, out: Path | None) -> None:
-    from stiction.comparisons.complementarity.replay import replay as run_set
-
-    if export is not None:
-        from stiction.comparisons.complementarity.exchange import write_folder
-        from stiction.comparisons.complementarity.problems import read_problems
-
-        print(f"{export}: {write_folder(read_problems(problems), export)} problems")
-        return
-    if verify:
-        table = verified_set(solver, problems)
-        show_table(table)
-        if out is not None:
-            write_table(table, out)
-        return
-    with progress(f"replay of {solver}") as (on_start, on_result):
-        table = run_set(solver, problems, timeout_s=timeout, workers=workers, on_start=on_start, on_result=on_result)
+def _show_replay(table: Any, out: Path | None) -> None:
     show_table(table)
     if out is not None:
         write_table(table, out)
-    lost = table[table["problems"] == 0]
-    if len(lost):
-        raise ended(FAILED, f"{len(lost)} of {len(table)} classes did not come out: {lost['class'].iloc[0]}: {lost['reason'].iloc[0]}")

@@ -248,9 +248,9 @@ class TestCompare:
         assert "CPU to an error of 1 mm in sled" in own
 
     def test_a_truth_without_jumps_is_no_failure(self, in_this_process):
-        """A pendulum has no events; that an engine has refused it does not mean that nobody's run came out."""
+        """A pendulum has no events; that an engine has refused it does not mean that all runs failed."""
         result = invoke("compare", "torque", "pendulum", "--quick", "--engines", "pymunk", "--t-end", "0.2")
-        assert "refused" in result.output and "nothing to compare: the truth has no such event" in result.output
+        assert "refused" in result.output and "nothing to compare: the table of `compare torque` is empty" in result.output
 
 
 class TestLists:
@@ -375,7 +375,7 @@ def test_validate(tmp_path):
     report = (tmp_path / "report" / "report.md").read_text()
     assert result.stdout.splitlines()[0] == str(tmp_path / "report" / "report.md")
     assert len(result.stdout.splitlines()) == 6
-    assert "pymunk" in report and list((tmp_path / "report" / "figures").glob("*.png"))
+    assert "pymunk" in report and list((tmp_path / "report" / "figures").glob("*.svg"))
     accuracy = pd.read_parquet(tmp_path / "report" / "data" / "accuracy.parquet")
     assert len(accuracy) > 10
     assert set(accuracy["truth tier"]) == {PROVEN}

@@ -66,8 +66,8 @@ def test_same_data_same_bytes(figure, tmp_path):
         place.mkdir()
         with rc():
             drawing = draw(figure, LOOKS)
-        save(drawing, place)
-    for kind, begin in (("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")):
+        save(drawing, place, kinds=("png", "pdf", "svg"))
+    for kind, begin in (("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<svg")):
         one, two = ((tmp_path / name / f"{figure.name}.{kind}").read_bytes() for name in ("one", "two"))
         assert one == two and one.startswith(begin)
         assert b"CreationDate" not in one and b"/Type3" not in one and b"/Subtype /Image" not in one and b"<image" not in one
@@ -170,8 +170,3 @@ def test_figures_of_nothing(panels: Sequence[Panel]):
 def test_another_kind_of_figure_is_refused_in_words():
     with pytest.raises(TypeError, match="found a str; expected Chart, HeatMap or MechanismPicture"):
         draw("a figure", {})
-
-
-def test_figures_are_told_to_those_who_do_not_see_them():
-    assert Drawing("f", "Case 1: velocity [m/s] (the paper's Fig. 5). More.", Figure()).alt == "Case 1: velocity (m/s) (the paper's Fig. 5)"
-    assert Drawing("f", "One sentence.", Figure()).alt == "One sentence"

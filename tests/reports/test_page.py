@@ -7,9 +7,6 @@ import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from html import escape
-from urllib.parse import quote, unquote
-from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -23,11 +20,9 @@ from typer.testing import CliRunner
 from stiction.comparisons.campaigns import history
 from stiction.comparisons.campaigns.measurement import Metric, Row
 from stiction.comparisons.results import Results
-from stiction.reports import write_report
+from stiction.reports import report_of, write_report
 from stiction.reports.page import write_history_page, write_run_page
-from stiction.reports.page.run_page import FONT, UNQUOTED, _lean
 from stiction.reports.page.time_series import SAMPLE, TRUTH_LOOK, VISIBLE, Curve, _range, decimated, time_series
-from stiction.reports.presentations import presentations
 from stiction.reports.run_folder.stored_run import read_run
 from stiction.scenes.pictures.web import LONG, SHORT, Columns
 from stiction.cli.app import app
@@ -273,7 +268,7 @@ def _luminance(color: str) -> float:
 
 def test_sections_are_closed_and_keys_open_the_one_with_their_rows(run_page, report_folder, open_page):
     page, run = open_page(run_page), read_run(report_folder)
-    said = presentations(run.validation())
+    said = report_of(run.validation()).said
     headings = ["Answer", "Time series", *(study.question for study in said), "Where numbers come from", "Provenance"]
     assert page.locator("h2").all_inner_texts() == headings
     sections = page.locator("section > details")
@@ -298,16 +293,6 @@ def test_figures_are_in_the_page_with_words_for_those_who_do_not_see_them(run_pa
     assert set(page.evaluate("() => [...document.querySelectorAll('.picture')].map(picture => picture.getAttribute('aria-label'))")) == pictures
     assert all(len(words) > 20 for words in page.evaluate("() => [...document.images].map(image => image.alt)"))
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")  # wide tables scroll on their own
-
-
-@given(st.text("<>#%&'\"é ", max_size=20), st.floats(-999, 999))
-def test_a_lean_picture_has_the_same_texts_and_places_to_a_hundredth(words, x):
-    text = f'<text style="{FONT}; fill: #000" x="{x:.6f}" transform="rotate(-0 1 2)">{escape(words)}</text>'
-    svg = f'<svg xmlns="http://www.w3.org/2000/svg"><metadata>m</metadata><defs><style>a</style></defs><g id="a_1"><g id="text_1">{text}</g></g></svg>'
-    lean = _lean(svg)
-    [found] = ElementTree.fromstring(unquote(quote(lean, safe=UNQUOTED))).iter("{http://www.w3.org/2000/svg}text")
-    assert abs(float(found.get("x")) - x) <= 0.01 and (found.text or "").split() == words.split() and len(lean) < len(svg)
-    assert '"' not in quote(lean, safe=UNQUOTED) and "#" not in quote(lean, safe=UNQUOTED)
 
 
 def test_a_film_plays_in_a_browser(validation, tmp_path, open_page):
@@ -377,7 +362,7 @@ def test_a_browser_that_cannot_read_the_data_says_so(history_page, browser):
 def test_pages_of_nothing(lost_records, truths, tmp_path, open_page):
     for name, few in (("lost", validation_of(lost_records, truths)), ("nothing", Results((), {}, {}))):
         with unsaved_figures():
-            write_report(few, tmp_path / name)
+            write_report(report_of(few), tmp_path / name)
         write_run_page(read_run(tmp_path / name), tmp_path / f"{name}.html")
         page = open_page(tmp_path / f"{name}.html")
         assert page.locator("h2").first.inner_text() == "Answer"

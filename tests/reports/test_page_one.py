@@ -13,16 +13,16 @@ from hypothesis import strategies as st
 from report_material import hard_table, record, unsaved_figures
 
 from stiction.comparisons.methods import methods
+from stiction.comparisons.presentation.presentation import ANSWER_LENGTH
 from stiction.comparisons.presentation.traced_text import COUNT, NAME, RATIO, Number
-from stiction.comparisons.recommendation import mechanism_in_words, recommendation
+from stiction.comparisons.recommendation import mechanism_in_words
 from stiction.comparisons.results import Results
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import Variant
-from stiction.reports import write_report
+from stiction.reports import report_of, write_report
 from stiction.reports.markdown.tables import WIDTH as TABLE_WIDTH
 from stiction.reports.markdown.tables import fitted
 from stiction.reports.page_one import HOW_TO_READ, TITLE, WIDTH, answer_lines, bullets, headline_table, not_installed, numbers, page_one
-from stiction.reports.presentations import presentations
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 MOST_LINES, MOST_WORDS = 60, 25
@@ -45,7 +45,7 @@ def full(validation) -> Results:
 @pytest.fixture(scope="module")
 def folder(full, tmp_path_factory):
     with unsaved_figures():
-        return write_report(full, tmp_path_factory.mktemp("page one") / "run").parent
+        return write_report(report_of(full), tmp_path_factory.mktemp("page one") / "run").parent
 
 
 def shows(text: str, true: float) -> bool:
@@ -84,7 +84,7 @@ def read(folder) -> dict[str, pd.DataFrame]:
 
 
 def test_every_number_is_in_the_data(full, folder):
-    told, data = numbers(full, presentations(full)), read(folder)
+    told, data = numbers(report_of(full)), read(folder)
     assert len(told) > 15 and {number.how for number in told} >= {"value", COUNT} and {number.table for number in told} >= {"accuracy", "equal-error", "hard"}
     assert [number for number in told if not is_in(number, data)] == []
 
@@ -92,7 +92,7 @@ def test_every_number_is_in_the_data(full, folder):
 def test_data_that_say_something_else_are_noticed(full, folder):
     """Every number, with its own cells changed; of a count every row is there twice."""
     data = read(folder)
-    for number in numbers(full, presentations(full)):
+    for number in numbers(report_of(full)):
         table = data[number.table]
         if number.how == COUNT:
             changed = pd.concat([table, table])
@@ -102,13 +102,13 @@ def test_data_that_say_something_else_are_noticed(full, folder):
 
 
 def test_no_other_digits(full):
-    said = presentations(full)
-    text = " ".join(page_one(full, said, "", "Run.").split())
+    report = report_of(full)
+    text = " ".join(page_one(report, "", "Run.").split())
     assert len(text) > 500
     for fixed in (TITLE, HOW_TO_READ, mechanism_in_words(full), *FIXED, *(record.variant.label for record in full.records)):
         text = text.replace(fixed, "")
-    for number in sorted(numbers(full, said), key=lambda number: -len(number.text)):
-        assert " ".join(number.text.split()) in " ".join(page_one(full, said, "", "Run.").split())
+    for number in sorted(numbers(report), key=lambda number: -len(number.text)):
+        assert " ".join(number.text.split()) in " ".join(page_one(report, "", "Run.").split())
         text = text.replace(number.text, "")
     text = re.sub(r"\bcase \d\b|\bF0\b", "", text)  # names
     assert not re.findall(r".{20}\d.{20}", text)
@@ -116,36 +116,45 @@ def test_no_other_digits(full):
 
 def test_it_fits_a_page_in_short_sentences(full, folder):
     page = (folder / "report.md").read_text().partition("\n## ")[0]
-    assert len(page.splitlines()) <= MOST_LINES and "![The mechanism" in page and page.startswith(f"# {TITLE}")
-    said = presentations(full)
-    assert all(len(line) <= WIDTH for line in page_one(full, said, "", "Run.").splitlines() if not line.startswith("|"))
-    texts = [part.text for part in recommendation(full)] + [answer.text for _, answer in bullets(said)]
+    assert len(page.splitlines()) <= MOST_LINES and "![mechanism-" in page and page.startswith(f"# {TITLE}")
+    report = report_of(full)
+    assert all(len(line) <= WIDTH for line in page_one(report, "", "Run.").splitlines() if not line.startswith("|"))
+    texts = [part.text for part in report.answer] + [answer.text for _, answer in bullets(report)]
     sentences = [sentence for text in texts for sentence in re.split(r"(?<=[a-z)])[.;] ", text)]
     assert len(sentences) > 5 and max(len(sentence.split()) for sentence in sentences) <= MOST_WORDS
     assert not re.search(r"\bnan\b|  \.| ,|\.\.", " ".join(texts))
 
 
+def test_the_terminal_has_a_line_a_study_that_is_not_too_long(full):
+    report = report_of(full)
+    lines, titles = list(answer_lines(report)), {study.title for study in report.said if study.title}
+    assert len(lines) == len(set(lines)) and not any("\n" in line for line in lines)
+    studies = [line.partition(": ") for line in lines[len(report.answer):] if line.partition(": ")[0] in titles]
+    assert len(studies) == len({title for title, _, _ in studies}) > 2
+    assert all(len(answer) <= ANSWER_LENGTH for _, _, answer in studies)
+
+
 @pytest.mark.parametrize("missing", ["accuracy", "equal-error", "hard", "threshold", "claims", "all"])
 def test_it_comes_out_whatever_is_missing(full, missing):
     few = replace(full, tables={name: table for name, table in full.tables.items() if missing not in (name, "all")})
-    said = presentations(few)
-    assert page_one(few, said, "", "Run.").startswith(f"# {TITLE}") and "nan" not in " ".join(answer_lines(few, said))
-    empty = page_one(nothing := Results((), {}, {}), presentations(nothing), "", "Run.")
+    report = report_of(few)
+    assert page_one(report, "", "Run.").startswith(f"# {TITLE}") and "nan" not in " ".join(answer_lines(report))
+    empty = page_one(report_of(Results((), {}, {})), "", "Run.")
     assert empty.splitlines() == [f"# {TITLE}", "", "There were no runs. Run."]
 
 
 def test_methods_stand_in_groups_that_may_be_compared(full):
-    table = headline_table(full, presentations(full))
-    assert [group.name for group in table.groups] == ["joint, mus > mu", "contact, mus > mu"] and table.heads[0] == "method"
-    assert [method for group in table.groups for method, _ in group.rows] == methods(full)
-    assert all(len(row) == len(table.heads) for row in table.cells)
+    table = headline_table(report_of(full))
+    assert list(table.groups) == ["joint, mus > mu", "contact, mus > mu"] and table.heads[0] == "method"
+    assert [method for rows in table.groups.values() for method in rows] == methods(full)
+    assert all(len(row) == len(table.heads) for row in table.rows)
 
 
 def test_engines_that_are_not_installed_are_told_once_and_stand_in_no_table(full):
     lost = [record(Variant(name, name.partition(",")[0], "dt", (1e-2,)), 1e-2, "missing") for name in ("Alpha", "Beta", "Beta, contact")]
     few = replace(full, records=(*full.records[:3], *lost))
     assert not_installed(few) == "Not installed: Alpha, Beta; `stiction engines` says how to install them." and not_installed(replace(full, records=full.records[:3])) == ""
-    page = page_one(few, presentations(few), "", "Run.")
+    page = page_one(report_of(few), "", "Run.")
     assert page.count("Alpha") == page.count("Beta") == 1
 
 

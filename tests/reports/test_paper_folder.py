@@ -17,15 +17,14 @@ from typer.testing import CliRunner
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.equal_error import equal_error
 from stiction.comparisons.variants import OWN_CPU
-from stiction.reports import write_report
+from stiction.reports import report_of, write_report
 from stiction.reports.page_one import bullets
 from stiction.reports.paper import folder, write_paper
-from stiction.reports.paper.folder import keys, summarized
+from stiction.reports.paper.folder import summary
 from stiction.reports.paper.methods import methods
-from stiction.reports.presentations import presentations
 from stiction.comparisons.presentation.cells import AGAIN
 from stiction.reports.run_folder.stored_run import StoredRun, read_run
-from stiction.reports.run_folder.trace import resolve
+from stiction.reports.run_folder.trace import keys, resolve
 from stiction.cli.app import app
 
 POINTS_PER_MM = 72 / 25.4
@@ -46,7 +45,7 @@ def whole(validation) -> Results:
 def run(whole, tmp_path_factory) -> StoredRun:
     place = tmp_path_factory.mktemp("stored") / "run"
     with unsaved_figures():  # a paper draws its own
-        write_report(whole, place)
+        write_report(report_of(whole), place)
     return read_run(place)
 
 
@@ -172,7 +171,7 @@ def test_each_figure_and_table_is_referred_to_once_labelled(paper):
 def test_numbers_of_a_table_are_those_of_the_rows(run):
     """A cell that is a column of the data, of one row: the same number in the row that its key leads to."""
     compared = 0
-    for said in presentations(run.validation()).values():
+    for said in report_of(run.validation()).said.values():
         for view in said.tables:
             for key, (_, row) in zip(keys(view), view.frame.iterrows(), strict=True):
                 source = resolve(run, key)
@@ -186,9 +185,8 @@ def test_numbers_of_a_table_are_those_of_the_rows(run):
 def test_findings_are_in_the_paper_and_their_keys_lead_to_rows(run, paper):
     body = (paper / "paper.tex").read_text().partition(r"\section{Results}")[2].partition(r"\section{Methods}")[0]
     items = body.split(r"\item ")[1:]
-    results = run.validation()
-    said = presentations(results)
-    assert len(items) == len(summarized(results, said)) > len(list(bullets(said))) > 1
+    report = report_of(run.validation())
+    assert len(items) == len(summary(report)) > len(bullets(report)) > 1
     found = [key for item in items for key in re.findall(r"\b[A-Z]\d+(?:-\d+)?\b", item.rpartition("(")[2])]
     assert found and all(len(resolve(run, key).rows) for key in found)
 
@@ -201,7 +199,7 @@ def test_authors_stand_below_the_title(narrow):
 def test_paper_without_any_run_that_came_out(lost_records, truths, tmp_path):
     for name, few in (("lost", validation_of(lost_records, truths)), ("nothing", Results((), {}, {}))):
         with unsaved_figures():
-            write_report(few, tmp_path / name)
+            write_report(report_of(few), tmp_path / name)
         assert write_paper(read_run(tmp_path / name), tmp_path / f"{name} paper").is_file()
 
 

@@ -6,13 +6,13 @@ import json
 import re
 from dataclasses import replace
 from importlib.metadata import version
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from matplotlib.image import imread
 
 from report_material import CASE, LOST, unsaved_figures, validation_of
 
@@ -24,11 +24,10 @@ from stiction.comparisons.studies.paper_figures import stick_phases
 from stiction.comparisons.truth import HIGH_PRECISION, PROVEN
 from stiction.comparisons.variants import Record
 from stiction.engines.isolation import Outcome
-from stiction.reports import REPORT, FolderRefused, check_folder, write_report
+from stiction.reports import REPORT, FolderRefused, check_folder, report_of, write_report
 from stiction.comparisons.methods import stored_keys
-from stiction.reports.markdown.losses import grouped, losses
+from stiction.reports.markdown.failures import failed_runs, grouped
 from stiction.reports.markdown.tables import markdown
-from stiction.reports.presentations import presentations
 from stiction.reports.run_folder.data import data_tables, storable, trajectory_files
 from stiction.reports.run_folder.overwriting import run_folder
 from stiction.reports.run_folder.reproduce import command
@@ -49,7 +48,7 @@ def test_every_loss_is_named_with_its_reason(report_folder):
 def test_all_parts_are_there(validation, report_folder):
     text = (report_folder / "report.md").read_text()
     titles = re.findall(r"^## (.*)$", text, re.M)
-    questions = [study.question for study in presentations(validation)]
+    questions = [study.question for study in report_of(validation).said]
     assert titles == ["Terms", *questions, "What failed?", "Parameters of the scenes", "Truths", "Provenance"] and len(questions) > 2
     files = {path.relative_to(report_folder).as_posix() for path in report_folder.rglob("*") if path.is_file()}
     assert files == set(json.loads((report_folder / "provenance.json").read_text())["files"])
@@ -63,7 +62,7 @@ def test_report_comes_out_without_engines(kept, validation, lost_records, truths
     records = {"nothing": [], "only failures": lost_records, "only the reference": [validation.records[0]]}[kept]
     chosen = validation_of(records, truths) if records else Results((), {}, {})
     with unsaved_figures():
-        text = write_report(chosen, tmp_path / "run").read_text()
+        text = write_report(report_of(chosen), tmp_path / "run").read_text()
     assert ("## What failed?" in text) == (kept == "only failures") and not re.search(r"\bnan\b", text)
     assert (tmp_path / "run" / "data" / "events.parquet").is_file()
 
@@ -71,7 +70,7 @@ def test_report_comes_out_without_engines(kept, validation, lost_records, truths
 def test_same_data_same_bytes(validation, report_folder, tmp_path):
     """But for the figures, of which `test_charts` has the same test."""
     with unsaved_figures():
-        again = write_report(validation, tmp_path / "again").parent
+        again = write_report(report_of(validation), tmp_path / "again").parent
     for path in (path for path in report_folder.rglob("*") if path.suffix in (".csv", ".md")):
         one, other = path.read_bytes(), (again / path.relative_to(report_folder)).read_bytes()
         if path.suffix == ".md":
@@ -80,19 +79,19 @@ def test_same_data_same_bytes(validation, report_folder, tmp_path):
 
 
 def test_figures_can_be_printed(report_folder):
-    names = {path.stem for path in (report_folder / "figures").glob("*.png")}
+    names = {path.stem for path in (report_folder / "figures").glob("*.svg")}
     assert {"fig07-slider-bar-case-1-driving-moment", "mechanism-slider-bar-case-1", "threshold"} <= names
-    for path in (report_folder / "figures").glob("*.png"):
-        image = imread(path)
-        assert image.shape[1] == 1370  # 174 mm at 200 dots per inch
-        assert len(np.unique(image[..., :3] @ [1.0, 1e3, 1e6])) > 10  # colours
+    for path in (report_folder / "figures").glob("*.svg"):
+        root = ElementTree.fromstring(path.read_text())
+        assert float(root.get("width").removesuffix("pt")) == pytest.approx(174 / 25.4 * 72, abs=0.01)
+        assert len(set(re.findall("#[0-9a-f]{6}", path.read_text()))) > 2  # colours
 
 
 def test_jumps_are_vertical_and_stick_is_shaded(validation, truths):
     phases = stick_phases(truths[CASE])
     # the events of case 1 by the reduced solution
     np.testing.assert_allclose(phases, [(0.0, 0.304719758), (7.600035087, 8.217361345)], atol=1e-8)
-    [paper] = [said for study, said in presentations(validation).items() if study.name == "paper"]
+    [paper] = [said for study, said in report_of(validation).said.items() if study.name == "paper"]
     [moment] = [figure for figure in paper.figures if figure.name == "fig07-slider-bar-case-1-driving-moment"]
     np.testing.assert_allclose(moment.panels[0].shades, phases, atol=1e-8)
     t, torque = moment.panels[0].series[0].x, moment.panels[0].series[0].y
@@ -106,7 +105,7 @@ def test_losses_inside_a_comparison_and_early_ends_count(validation):
     run = validation.records[1]
     early = replace(run.outcome, value=replace(run.trajectory, termination="step size underflow"))
     broken = pd.DataFrame({"scene": [CASE], "variant": ["other"], "parameter": ["dt"], "step": [0.01], "status": ["crashed"], "reason": ["SIGABRT"]})
-    lost = losses(replace(validation, records=(replace(run, outcome=early),), tables={"threshold": broken}))
+    lost = failed_runs(replace(validation, records=(replace(run, outcome=early),), tables={"threshold": broken}))
     assert list(zip(lost["status"], lost["reason"], lost["table"])) == [("incomplete", "step size underflow", "runs"), ("crashed", "SIGABRT", "threshold")]
     assert list(grouped(lost)["runs"]) == [1, 1]
 
@@ -166,7 +165,7 @@ def test_every_key_has_a_file_of_its_own(keys):
 def test_folder_of_something_else_is_refused(validation, tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
     with pytest.raises(FolderRefused, match="no previous report"):
-        write_report(validation, tmp_path)
+        write_report(report_of(validation), tmp_path)
     with pytest.raises(FolderRefused, match="found a file"):
         check_folder(tmp_path / "thesis.tex", REPORT)
     with pytest.raises(FolderRefused, match="found a file"):
@@ -180,24 +179,24 @@ def test_folder_of_something_else_is_refused(validation, tmp_path):
 def test_previous_report_is_replaced_unless_something_was_added(tmp_path):
     empty, target = Results((), {}, {}), tmp_path / "run"
     target.mkdir()
-    write_report(empty, target)
+    write_report(report_of(empty), target)
     first = (target / "provenance.json").stat().st_ino
-    write_report(empty, target)
+    write_report(report_of(empty), target)
     assert (target / "provenance.json").stat().st_ino != first
-    (target / "figures" / "mine.png").write_text("")
-    with pytest.raises(FolderRefused, match="figures/mine.png"):
-        write_report(empty, target)
+    (target / "figures" / "mine.svg").write_text("")
+    with pytest.raises(FolderRefused, match="figures/mine.svg"):
+        write_report(report_of(empty), target)
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 def test_what_breaks_off_leaves_no_folder_and_keeps_the_previous(tmp_path, monkeypatch):
     target, empty = tmp_path / "run", Results((), {}, {})
-    monkeypatch.setattr(stiction.reports.markdown.validation_report, "pages", lambda *_: 1 / 0)
+    monkeypatch.setattr(stiction.reports.markdown.validation_report, "compose", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        write_report(empty, target)
+        write_report(report_of(empty), target)
     assert not list(tmp_path.iterdir())
     monkeypatch.undo()
-    write_report(empty, target)
+    write_report(report_of(empty), target)
     before = (target / "provenance.json").read_bytes()
     with pytest.raises(KeyboardInterrupt), run_folder(target, REPORT) as partial:
         assert partial.name.startswith(".run.partial-") and partial.parent == target.parent

@@ -17,11 +17,11 @@ from stiction.comparisons.variants import Record, has_static_coefficient, job, p
 from stiction.engines import Outcome, load_engine
 from stiction.comparisons.methods import stored_keys
 from stiction.comparisons.presentation.cells import AGAIN
-from stiction.reports.run_folder.again import again
+from stiction.reports.run_folder.reproduce import again
 from stiction.comparisons.presentation.cells import TRAJECTORY
 from stiction.reports.run_folder.data import SAMPLE_STEP, data_tables, thinned, write_data
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import resolve, told
+from stiction.reports.run_folder.trace import described, resolve
 from stiction.scenes import load_scene
 
 MOST, DRAWN = 25e6, 30
@@ -100,7 +100,7 @@ def test_a_trace_tells_the_command_and_a_threshold_no_trajectory(small, folder):
     lost = tables["accuracy"].index[tables["accuracy"][AGAIN].notna()]
     for row in tables["runs"].index[tables["runs"][AGAIN].notna()]:
         source = resolve(stored, f"R{row + 1}")
-        assert source.files == () and dict(told(stored, source))[AGAIN].startswith(f"stiction run {CASE} --engine reference --dt 0.01")
+        assert source.files == () and dict(described(stored, source))[AGAIN].startswith(f"stiction run {CASE} --engine reference --dt 0.01")
     assert list(lost) == [] and resolve(stored, "T1").files == () and TRAJECTORY not in tables["threshold"]
 
 

@@ -15,7 +15,7 @@ from stiction.comparisons.presentation.table_view import BRIEF_ROWS, Column, vie
 from stiction.reports.markdown.study_section import more, table
 from stiction.reports.markdown.tables import aligned
 from stiction.reports.paper import latex
-from stiction.reports.paper.folder import keys
+from stiction.reports.paper.folder import laid_out
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import key_of, resolve
 
@@ -35,7 +35,7 @@ def test_columns_have_units_scales_uncertainties_and_intervals():
 
 def test_markdown_lines_up_under_headings_of_groups():
     lines = table(SHOWN).splitlines()
-    assert len(set(map(len, lines))) == 1
+    assert len(set(map(len, lines[2:]))) == 1
     assert [line.strip("| ").split(" ")[0] for line in lines] == ["name", ":-------", "*first*", "a", "b\\|c", "*second*", "–"]
     assert re.fullmatch(r"\| :-+ \| -+: \| -+: \| :-+ \|", lines[1]) and lines[3].split("|")[2].endswith(" 1.2 ")
     many = view("many", "Many.", pd.DataFrame({"n": range(50)}), (Column("n"),))
@@ -44,13 +44,13 @@ def test_markdown_lines_up_under_headings_of_groups():
 
 
 def test_latex_has_every_cell_and_key():
-    text = latex.table(SHOWN, keys(SHOWN))
+    text = latex.table(laid_out(SHOWN))
     assert text.count(r"\\") == 1 + len(FRAME) and r"\label{tab:made}" in text and r"b\textbar{}c" in text and r"0.00123 \textpm{} $1{\times}10^{-5}$" in text
     assert re.findall(r"& (J[\d,-]+) \\\\", text) == ["J1-3", "J5", "J7,9"]
     long = view("long", "Long.", pd.DataFrame({"n": range(latex.LONGEST + 1)}), (Column("n"),))
-    assert r"\begin{xltabular}" in latex.table(long, keys(long)) and r"\endhead" in latex.table(long, keys(long))
+    assert r"\begin{xltabular}" in latex.table(laid_out(long)) and r"\endhead" in latex.table(laid_out(long))
     wide = view("wide", "Wide.", pd.DataFrame({f"column {number}": ["some words of a cell"] for number in range(9)}), tuple(Column(f"column {number}", brief=number < 4) for number in range(9)))
-    assert latex.is_brief(wide) and not latex.is_brief(SHOWN) and "column 4" not in latex.table(wide, keys(wide))
+    assert len(laid_out(wide)["head"]) == 5 and len(laid_out(SHOWN)["head"]) == 6 and "column 4" not in latex.table(laid_out(wide))
 
 
 @given(st.text(st.characters(exclude_categories=("C", "Z"))))

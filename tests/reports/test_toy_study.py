@@ -17,11 +17,10 @@ from stiction.comparisons.campaigns import validation as campaign
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import studies
-from stiction.reports import write_report
+from stiction.reports import report_of, write_report
 from stiction.reports.page import write_run_page
 from stiction.reports.page_one import answer_lines
 from stiction.reports.paper import write_paper
-from stiction.reports.presentations import presentations
 from stiction.reports.run_folder.stored_run import read_run
 
 TOY = '''
@@ -95,7 +94,7 @@ def run(toy, validation, tmp_path_factory):
     results = replace(validation, tables={**validation.tables, **made.tables})
     place = tmp_path_factory.mktemp("toy") / "run"
     with unsaved_figures():
-        write_report(results, place)
+        write_report(report_of(results), place)
     return read_run(place)
 
 
@@ -114,10 +113,10 @@ def test_it_is_in_the_report_and_on_the_terminal(run):
     text = (run.folder / "report.md").read_text()
     page, section = text.partition("\n## ")[0], text.partition(f"\n## {QUESTION}\n")[2].partition("\n## ")[0]
     assert f"**Toy.** {ANSWER}" in page and "slides [m]" in page and "1.83486" in page
-    assert all(part in section for part in (ANSWER, "Paths by speed.", "path [cm]", CELL, "- Friction is dry.", "(figures/toy-paths.png)"))
-    assert (run.folder / "figures" / "toy-paths.png").is_file() and len(run.tables["toy"]) == 3
+    assert all(part in section for part in (ANSWER, "Paths by speed.", "path [cm]", CELL, "- Friction is dry.", "(figures/toy-paths.svg)"))
+    assert (run.folder / "figures" / "toy-paths.svg").is_file() and len(run.tables["toy"]) == 3
     results = run.validation()
-    assert f"Toy: {ANSWER}" in list(answer_lines(results, presentations(results)))
+    assert f"Toy: {ANSWER}" in list(answer_lines(report_of(results)))
 
 
 def test_it_is_in_the_paper(run, tmp_path):
@@ -139,4 +138,4 @@ def test_it_is_on_the_page_and_its_keys_lead_to_its_rows(run, tmp_path):
 
 def test_without_its_tables_it_is_silent(toy):
     nothing = Results((), {}, {})
-    assert "toy" not in [study.name for study in presentations(nothing)]
+    assert "toy" not in [study.name for study in report_of(nothing).said]

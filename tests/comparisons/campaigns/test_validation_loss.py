@@ -20,7 +20,7 @@ from stiction.comparisons.depth import Depth
 from stiction.comparisons.studies.study import studies
 from stiction.cli.app import app
 from stiction.engines import Outcome
-from stiction.reports import write_report
+from stiction.reports import report_of, write_report
 
 ROOT = Path(__file__).parents[3]
 QUESTIONS = {study.name: study.question for study in studies()}
@@ -126,7 +126,7 @@ def test_an_interrupted_validation_ends_at_once_with_a_report(tmp_path, monkeypa
         return outcomes
 
     done = validate(depth=Depth.QUICK, engines=["pymunk"], isolated=not_run)
-    text = write_report(done, tmp_path / "run").read_text()
+    text = write_report(report_of(done), tmp_path / "run").read_text()
     assert not done.truths and set(done.tables["hard"]["verdict"]) == {"not run"}
     assert f"0 of {len(done.records)} runs succeeded; {len(done.records)} not run." in " ".join(text.split())
     page = text.partition("\n## ")[0]

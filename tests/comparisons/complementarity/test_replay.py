@@ -143,4 +143,4 @@ def test_classes_that_crash_are_no_success(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "crashing_solver.py").write_text("import os\n\ndef solve(M, q):\n    if len(q) > 4:\n        os.abort()\n")
     result = CliRunner().invoke(app, ["replay", "--solver", "crashing_solver:solve"])
-    assert result.exit_code == 1 and "classes did not come out" in result.output and "SIGABRT" in result.output, result.output
+    assert result.exit_code == 1 and "classes failed" in result.output and "SIGABRT" in result.output, result.output

@@ -10,7 +10,7 @@ from stiction.comparisons.studies.stabilization_drift import drift_study_compari
 from stiction.comparisons.studies.paper_claims import CHOICES, claims_comparison, sensitivity_comparison
 from stiction.comparisons.truth import StickThreshold
 from stiction.engines import Outcome
-from stiction.reports.markdown.losses import grouped, losses
+from stiction.reports.markdown.failures import failed_runs, grouped
 from stiction.comparisons.presentation.cells import setting_of
 from stiction.scenes import load_scene
 
@@ -30,7 +30,7 @@ def lost_tables() -> dict[str, pd.DataFrame]:
 @pytest.mark.parametrize("name, count", [("study", None), ("orders", len(METHODS)), ("sensitivity", len(CHOICES)), ("claims", None)])
 def test_lost_rows_of_every_comparison_are_failures(validation, name, count):
     table = lost_tables()[name]
-    lost = losses(replace(validation, records=(), tables={name: table}))
+    lost = failed_runs(replace(validation, records=(), tables={name: table}))
     assert len(lost) == len(table) == (count or len(table)) and set(lost["table"]) == {name} and list(lost["row"]) == list(range(1, len(table) + 1))
     assert set(lost["status"]) == {"timed out"} and set(lost["reason"]) == {WORDS} and lost["variant"].notna().all()
     rows = grouped(lost)
@@ -39,13 +39,13 @@ def test_lost_rows_of_every_comparison_are_failures(validation, name, count):
 
 def test_what_came_out_is_no_failure(validation):
     tables = {"sensitivity": pd.DataFrame({"choice": ["a", "b"], "status": "ok", "reason": ""}), "study": validation.tables["study"].assign(status="ok")}
-    assert losses(replace(validation, records=(), tables=tables)).empty
+    assert failed_runs(replace(validation, records=(), tables=tables)).empty
 
 
 def test_an_engine_that_is_not_installed_is_no_loss(validation):
     """Neither among the runs nor in a table; and no step is no setting."""
     table = pd.DataFrame({"variant": ["absent", "other"], "scene": "s", "parameter": "dt", "step": 0.01, "status": ["missing", "crashed"], "reason": ["No module named 'absent'", "SIGABRT"]})
-    lost = losses(replace(validation, tables={"threshold": table}))
+    lost = failed_runs(replace(validation, tables={"threshold": table}))
     assert "missing" in {record.outcome.status for record in validation.records}
     assert not {"missing"} & set(lost["status"]) and list(lost[lost["table"] == "threshold"]["variant"]) == ["other"]
     assert setting_of("", float("nan")) == ""

@@ -1,0 +1,50 @@
+"""A run and what is said of it: found once, and shown by every renderer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from stiction.comparisons.presentation.charts import Chart, Figure
+from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.presentation.table_view import TableView
+from stiction.comparisons.presentation.traced_text import TracedText
+from stiction.comparisons.recommendation import recommendation
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.study import Study, studies
+
+
+@dataclass(frozen=True)
+class Report:
+    """The results of a run, the presentation of each study that has anything to show, and the answer of page one."""
+
+    results: Results
+    said: Mapping[Study, Presentation]
+    answer: tuple[TracedText, ...]
+
+    @property
+    def figures(self) -> list[Figure]:
+        """The figures of all studies, in the order of the report."""
+        return [figure for presentation in self.said.values() for figure in presentation.figures]
+
+    @property
+    def tables(self) -> list[TableView]:
+        """The tables of all studies, in the order of the report."""
+        return [view for presentation in self.said.values() for view in presentation.tables]
+
+
+def report_of(results: Results) -> Report:
+    """Let every study and the recommendation speak of the results."""
+    found = {study: presented(study, results) for study in studies()}
+    return Report(results, {study: said for study, said in found.items() if not said.is_empty},
+                  tuple(recommendation(results)))
+
+
+def presented(study: Study, results: Results) -> Presentation:
+    """Present one study, without charts that have no point."""
+    said = study.present(results)
+    return replace(said, figures=tuple(figure for figure in said.figures if _has_points(figure)))
+
+
+def _has_points(figure: Figure) -> bool:
+    return not isinstance(figure, Chart) or any(len(one.x) for panel in figure.panels for one in panel.series)

@@ -7,7 +7,7 @@ from stiction.reference_impl.integration.event_driven import simulate_event_driv
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes.laws import evaluate_law, law_kinks
-from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Translational
+from stiction.scenes.model import Force, LinearSpring, Revolute
 
 MOTION = ("x", "y", "angle", "vx", "vy", "omega", "ax", "ay", "alpha")
 

@@ -12,7 +12,6 @@ from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.methods import stored_keys
 from stiction.comparisons.presentation.cells import MISSING, NULL
 from stiction.comparisons.presentation.charts import MechanismPicture
-from stiction.comparisons.results import Results
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED
 from stiction.reports.figures.charts import drawn
 from stiction.reports.figures.style import Drawing, rc, save_all

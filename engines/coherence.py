@@ -109,12 +109,12 @@ def residuals_at_events(run: Examined) -> Iterator[str]:
 def velocities(run: Examined) -> Iterator[str]:
     """Velocities are the derivatives of positions.
 
-    Both move each body along its velocity by the same, with their means removed. Between two instants a velocity is known to the change that it shows there: half of it is the error of the
-    trapezoidal rule on a velocity that only rises or only falls, the other half that of an engine that moves with the
-    velocity at the end of its step. Where the mechanism as a whole changes all of its velocity, nothing is known. Nor
-    is a mean: what vibrates once between two instants has the same velocity at both and stays. Motions that are small
-    against the mechanism and the longest way, as of a box that rattles in its guide, are not judged: engines correct
-    positions by as much.
+    Both move each body along its velocity by the same, with their means removed. Between two instants a velocity is
+    known to the change that it shows there: half of it is the error of the trapezoidal rule on a velocity that only
+    rises or only falls, the other half that of an engine that moves with the velocity at the end of its step. Where the
+    mechanism as a whole changes all of its velocity, nothing is known. Nor is a mean: what vibrates once between two
+    instants has the same velocity at both and stays. Motions that are small against the mechanism and the longest way,
+    as of a box that rattles in its guide, are not judged: engines correct positions by as much.
     """
     found, size = run.found, run.size
     q, v, a = (np.stack([factor * found[f"{body}.{label}"].astype(float) for body in run.scene.bodies

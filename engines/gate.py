@@ -150,7 +150,7 @@ def columns(run: Examined) -> Iterator[str]:
 
 
 def _left_open(run: Examined) -> dict[str, np.ndarray]:
-    """By column, the instants at which its force is nan, and the motion and the known frictions leave it open."""
+    """Instants by column at which its force is nan, and the motion and the known frictions leave it open."""
     from stiction.reference_impl.multibody.reactions import recover_columns
 
     found, left_open = run.found, {}

@@ -41,7 +41,8 @@ class Moving:
     gamma: np.ndarray
 
     def __sub__(self, other: Moving) -> Moving:
-        return Moving(self.value - other.value, self.jacobian - other.jacobian, self.rate - other.rate, self.gamma - other.gamma)
+        return Moving(self.value - other.value, self.jacobian - other.jacobian, self.rate - other.rate, self.gamma
+                      - other.gamma)
 
     def __getitem__(self, i: int) -> Moving:
         """A component of a vector."""
@@ -59,7 +60,8 @@ class Moving:
         """A vector turned by +90 degrees."""
         def turn(x: np.ndarray) -> np.ndarray:
             return np.stack([-x[..., 1], x[..., 0]], -1)
-        return Moving(turn(self.value), np.stack([-self.jacobian[..., 1, :], self.jacobian[..., 0, :]], -2), turn(self.rate),
+        return Moving(turn(self.value), np.stack([-self.jacobian[..., 1, :], self.jacobian[..., 0, :]], -2),
+                      turn(self.rate),
                       turn(self.gamma))
 
     def norm(self) -> Moving:
@@ -116,7 +118,8 @@ class EquationsOfMotion:
         self.mass = np.array([x for body in scene.bodies.values() for x in (body.mass, body.mass, body.inertia)])
         self.rows = [f"{name}.{label}" for joints, labels in (
             ([name for name, joint in scene.joints.items() if isinstance(joint, Revolute)], ("fx", "fy")),
-            (scene.guides, ("normal_force", "moment")), (scene.drives, ("effort",))) for name in joints for label in labels]
+            (scene.guides, ("normal_force", "moment")), (scene.drives, ("effort",))) for name in joints
+                     for label in labels]
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
         """q and v at t = 0 as the scene gives them."""
@@ -141,7 +144,8 @@ class EquationsOfMotion:
         for guide in scene.guides.values():
             u = motion.direction(guide.guide, guide.direction)
             d = motion.between(guide.bodies, (guide.slider_point, guide.point))
-            rows += [u.turned().dot(d), motion.angle(guide.slider) - motion.angle(guide.guide) - motion.constant(guide.angle)]
+            rows += [u.turned().dot(d), motion.angle(guide.slider) - motion.angle(guide.guide)
+                     - motion.constant(guide.angle)]
             if guide.frictional:
                 tangents.append(u.dot(d))
         rows += [motion.driven(drive) for drive in scene.drives.values()]
@@ -184,8 +188,10 @@ class _Motion:
     v: np.ndarray
 
     def _turning(self, body: str, vector: tuple[float, float]) -> tuple[Moving, int]:
-        """A vector fixed in a body, and the place of the body's coordinates (-1: ground): c' = omega k x c, c'' =
-        -omega^2 c."""
+        """A vector fixed in a body, and the place of the body's coordinates (-1: ground).
+
+        C' = omega k x c, c'' = -omega^2 c.
+        """
         jacobian = np.zeros((*self.t.shape, 2, self.q.shape[-1]))
         if body == GROUND:
             return Moving(np.zeros((*self.t.shape, 2)) + vector, jacobian, *np.zeros((2, *self.t.shape, 2))), -1
@@ -200,7 +206,7 @@ class _Motion:
         return self._turning(body, tuple(np.array(vector) / np.hypot(*vector)))[0]
 
     def point(self, body: str, place: tuple[float, float]) -> Moving:
-        """Where a point of a body is."""
+        """Place of a point of a body."""
         arm, i = self._turning(body, place)
         if i < 0:
             return arm
@@ -224,11 +230,14 @@ class _Motion:
 
     def law(self, law: Law) -> Moving:
         value, rate, second = np.moveaxis(np.array([evaluate_law(law, t) for t in self.t.flat]), -1, 0)
-        return Moving(value.reshape(self.t.shape), np.zeros_like(self.q), rate.reshape(self.t.shape), second.reshape(self.t.shape))
+        return Moving(value.reshape(self.t.shape), np.zeros_like(self.q), rate.reshape(self.t.shape),
+                      second.reshape(self.t.shape))
 
     def driven(self, drive: Drive) -> Moving:
-        """The constraint of a drive; there is no motion, and gamma is nan, where it drives a distance to zero or
-        below."""
+        """The constraint of a drive.
+
+        There is no motion, and gamma is nan, where it drives a distance to zero or below.
+        """
         law = self.law(drive.law)
         row = self.coordinate(drive) - law
         impossible = (law.value <= 0.0) & (drive.type == "distance" and drive.axis is None)
@@ -244,6 +253,7 @@ class _Motion:
 
 def _stacked(rows: list[Moving], motion: _Motion, parts: tuple[str, ...]) -> list[np.ndarray]:
     """The parts of all rows, shape (..., rows) and, of jacobians, (..., rows, k)."""
-    empty = {part: np.zeros((*motion.t.shape, 0, *motion.q.shape[-1:])[:motion.t.ndim + (2 if part == "jacobian" else 1)])
+    empty = {part: np.zeros((*motion.t.shape, 0, *motion.q.shape[-1:])[:motion.t.ndim
+                                                                       + (2 if part == "jacobian" else 1)])
              for part in parts}
     return [np.stack([getattr(row, part) for row in rows], motion.t.ndim) if rows else empty[part] for part in parts]

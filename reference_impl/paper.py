@@ -1,26 +1,29 @@
-"""Zhuang & Wang (2014), eqs. (1)-(38), as written: dense NumPy, in the paper's order and with its symbols, nothing compiled.
+"""Zhuang & Wang (2014), eqs. (1)-(38), as written.
 
-Read this beside the paper; `hlcp` and `paper_scheme` are the same for many guides, redundant constraints and speed. It has what
-the paper has: revolute joints, sliders with corner forces on fixed or moving guides, drives, springs, loads, Baumgarte's
-stabilization.
+Dense NumPy, in the paper's order and with its symbols, nothing compiled.
 
-=============== =========================== ======================================================= ======= ==================
-paper           here                        what                                                    unit    compiled
-=============== =========================== ======================================================= ======= ==================
-q, q'           q, v                        x, y, angle of each body, and rates                     m, rad  mechanism.py
-M, QE           M, QE                       masses; applied forces, (21)                            kg, N   dynamics.py
-Phi, J, gamma   phi, J, gamma               constraints [CR; CT; D], (20); Phi'' = J q'' + gamma    m, rad  kinematics.py
-lCR, lCT, lD    lambda_C                    reactions of joints, guides, drives, (22), (26)         N, N m  dynamics.py
-F+, F-          F_plus, F_minus             corner forces, at -a/2 and +a/2, >= 0, (1)-(2)          N       hlcp.py
-H, G            H, G                        which corners load which surface, FN = H F+ + G F-      1       hlcp.py
-S, K            S, K                        lCT = S F+ + K F-, K = -S, (26)                         1, m    hlcp.py
-W_T, gT'        W_T, mode                   sliding of the surfaces (+), (-), (8)-(9); sgn gT'      1, m    kinematics.py
-mubar, V        mubar, V                    -mu sgn gT' of slipping surfaces; which stick, (11)     1       hlcp.py
-muH, mt         muH, mt                     V^T mus, (14); mubar - V muH                            1       hlcp.py
-lH+, lH-        lH_plus, lH_minus           mus FN +- lambda_H, >= 0, (14)                          N       hlcp.py
-gH+, gH-        gH_plus, gH_minus           gH'' = gH+ - gH-, >= 0, (16)                            m/s^2   hlcp.py
-A0, A1, b       A0, A1, b                   A0 y = A1 x + b, y, x >= 0, y^T x = 0, (36)-(38)                hlcp.py
-=============== =========================== ======================================================= ======= ==================
+Read this beside the paper; `hlcp` and `paper_scheme` are the same for many guides, redundant constraints and speed. It
+has what the paper has: revolute joints, sliders with corner forces on fixed or moving guides, drives, springs, loads,
+Baumgarte's stabilization.
+
+=============== =========================== ======================================================= =======
+================== paper           here                        what
+unit    compiled =============== =========================== =======================================================
+======= ================== q, q'           q, v                        x, y, angle of each body, and rates
+m, rad  mechanism.py M, QE           M, QE                       masses; applied forces, (21)
+kg, N   dynamics.py Phi, J, gamma   phi, J, gamma               constraints [CR; CT; D], (20); Phi'' = J q'' + gamma
+m, rad  kinematics.py lCR, lCT, lD    lambda_C                    reactions of joints, guides, drives, (22), (26)
+N, N m  dynamics.py F+, F-          F_plus, F_minus             corner forces, at -a/2 and +a/2, >= 0, (1)-(2)
+N       hlcp.py H, G            H, G                        which corners load which surface, FN = H F+ + G F-      1
+hlcp.py S, K            S, K                        lCT = S F+ + K F-, K = -S, (26)                         1, m
+hlcp.py W_T, gT'        W_T, mode                   sliding of the surfaces (+), (-), (8)-(9); sgn gT'      1, m
+kinematics.py mubar, V        mubar, V                    -mu sgn gT' of slipping surfaces; which stick, (11)     1
+hlcp.py muH, mt         muH, mt                     V^T mus, (14); mubar - V muH                            1
+hlcp.py lH+, lH-        lH_plus, lH_minus           mus FN +- lambda_H, >= 0, (14)                          N
+hlcp.py gH+, gH-        gH_plus, gH_minus           gH'' = gH+ - gH-, >= 0, (16)                            m/s^2
+hlcp.py A0, A1, b       A0, A1, b                   A0 y = A1 x + b, y, x >= 0, y^T x = 0, (36)-(38)
+hlcp.py =============== =========================== ======================================================= =======
+==================
 
 Where the paper is silent the choices are those of `paper_scheme`.
 """
@@ -41,8 +44,9 @@ from stiction.scenes import Breakdown, Problem, Scene, SceneError
 from stiction.scenes.model import Baumgarte, NoStabilization
 
 COVER = 10.0
-"""Weight of the rows of lH- in Lemke's covering vector, those of others being 1. With equal weights the method runs into the ray
-of a sticking surface without load, on which gH+ and gH- grow together: the sliding of a resting block has it."""
+"""Weight of the rows of lH- in Lemke's covering vector, those of others being 1. With equal weights the method runs
+into the ray of a sticking surface without load, on which gH+ and gH- grow together: the sliding of a resting block has
+it."""
 REST = 1e-12
 """Acceleration of a sticking surface, relative to the largest there is, up to which it is rounding."""
 ZERO = 1e-12
@@ -52,7 +56,10 @@ PARTS = 50
 
 
 class HLCP(NamedTuple):
-    """A0 y = A1 x + b, y = [lCR+, lD+, F-, gH+, lH-], x = [lCR-, lD-, F+, lH+, gH-], and the matrices it was made from."""
+    """HLCP A0 y = A1 x + b, and the matrices it was made from.
+
+    y = [lCR+, lD+, F-, gH+, lH-], x = [lCR-, lD-, F+, lH+, gH-].
+    """
 
     A0: np.ndarray
     A1: np.ndarray
@@ -66,9 +73,12 @@ class HLCP(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """`acceleration` (k,); `lambda_C` (rows,) as `EquationsOfMotion.rows`, of a guide the resultant force and total moment on the
-    slider, surface friction included; `friction` (guides,) on each slider along its guide; `gH` accelerations of those that
-    stick, and up to which size they are rounding, `rest`."""
+    """Accelerations, multipliers and frictions.
+
+    `acceleration` is (k,). `lambda_C` (rows,) is as `EquationsOfMotion.rows`: of a guide the resultant force and total
+    moment on the slider, surface friction included. `friction` (guides,) acts on each slider along its guide. `gH` are
+    accelerations of those that stick, up to `rest` by rounding.
+    """
 
     acceleration: np.ndarray
     lambda_C: np.ndarray
@@ -78,9 +88,11 @@ class Solution(NamedTuple):
 
 
 class March(NamedTuple):
-    """As each step begins: `t` (n,); `q`, `v`, `a` (n, k); `force` (n, rows + guides), lambda_C and frictions; `mode` (n, guides).
-    `events`: time, kind as of `stiction.scenes.Event`, guide. `sides`: a march of two rows per event, before and after it, or None.
-    `breakdown`: why it ended early, or None."""
+    """State as each step begins: `t` (n,); `q`, `v`, `a` (n, k); `force` (n, rows + guides), lambda_C and frictions.
+
+    `mode` (n, guides). `events`: time, kind as of `stiction.scenes.Event`, guide. `sides`: a march of two rows per
+    event, before and after it, or None. `breakdown`: why it ended early, or None.
+    """
 
     t: np.ndarray
     q: np.ndarray
@@ -94,7 +106,10 @@ class March(NamedTuple):
 
 
 class NoSolution(Exception):
-    """The problem of an instant has no unique answer by this method: `kind` and reason as of `stiction.scenes.Breakdown`."""
+    """The problem of an instant has no unique answer by this method.
+
+    `kind` and reason as of `stiction.scenes.Breakdown`.
+    """
 
     def __init__(self, kind: str, reason: str):
         super().__init__(reason)
@@ -115,11 +130,13 @@ class Paper:
         problems = [Problem(f"joints.{name}.{key}", "nothing", "expected a value: the paper's sliders have both")
                     for name, guide in scene.guides.items() for key in ("mu", "length") if getattr(guide, key) is None]
         if not isinstance(stabilization, (Baumgarte, NoStabilization)):
-            problems.append(Problem("stabilization.method", repr(stabilization.method), "expected 'baumgarte', the paper's, or 'none'"))
+            problems.append(Problem("stabilization.method", repr(stabilization.method),
+                                    "expected 'baumgarte', the paper's, or 'none'"))
         if problems:
             raise SceneError(scene._origin, problems)
         self.equations = EquationsOfMotion(scene)
-        self.alpha, self.beta = ((stabilization.alpha, stabilization.beta) if isinstance(stabilization, Baumgarte) else (0.0, 0.0))
+        self.alpha, self.beta = ((stabilization.alpha, stabilization.beta) if isinstance(stabilization, Baumgarte)
+                                 else (0.0, 0.0))
         guides = self.equations.guides.values()
         self.mu, self.mus = np.array([g.mu for g in guides]), np.array([g.static_coefficient for g in guides])
         self.a, self.width = np.array([g.length for g in guides]), np.array([g.width or 0.0 for g in guides])
@@ -127,15 +144,16 @@ class Paper:
         S_i = [np.array([[1.0, 1.0], [-a / 2, a / 2]]) for a in self.a]
         self.S = block_diag(*S_i) if S_i else np.zeros((0, 0))                                   # (26)
         self.K = -self.S
-        self.H, self.G = np.kron(np.eye(len(S_i)), [[1, 1], [0, 0]]), np.kron(np.eye(len(S_i)), [[0, 0], [1, 1]])  # (4), (10)
+        # (4), (10)
+        self.H, self.G = np.kron(np.eye(len(S_i)), [[1, 1], [0, 0]]), np.kron(np.eye(len(S_i)), [[0, 0], [1, 1]])
         self.CT = np.arange(first, first + 2 * len(self.a))
         self.CR_D = np.setdiff1d(np.arange(len(self.equations.rows)), self.CT)
 
     def hlcp(self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray) -> HLCP:
         """Eqs. (36)-(37) at an instant.
 
-        Beyond the paper: in w_T the angle of a slider counts with its stabilization, so that off the constraints too both
-        surfaces of a sticking slider rest. The angle of the paper's slider cannot drift.
+        Beyond the paper: in w_T the angle of a slider counts with its stabilization, so that off the constraints too
+        both surfaces of a sticking slider rest. The angle of the paper's slider cannot drift.
         """
         terms = self.equations.at(t, q, v)
         M, QE, J = np.diag(self.equations.mass), terms.QE, terms.J
@@ -191,10 +209,11 @@ class Paper:
         plus, minus = lambda_T[0::2], lambda_T[1::2]
         lambda_C[self.CT[1::2]] += self.width / 2 * (plus - minus)
         terms = np.abs(W_T @ np.linalg.solve(M, np.hstack([QE[:, None], J.T * lambda_C, W_T.T * lambda_T])))
-        return Solution(acceleration, lambda_C, plus + minus, (gH_plus - gH_minus)[0::2], REST * np.max(terms, initial=0.0))
+        return Solution(acceleration, lambda_C, plus + minus, (gH_plus - gH_minus)[0::2],
+                        REST * np.max(terms, initial=0.0))
 
     def decide(self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray) -> tuple[np.ndarray, Solution]:
-        """Which sliders leave the stick set, in what direction: `mode` behind that, and its solution.
+        """Return `mode` after sliders have left the stick set, and its solution.
 
         A slider that leaves has the kinetic coefficient from then on, which may set others free.
         """
@@ -214,8 +233,8 @@ class Paper:
     def march(self, q: np.ndarray, v: np.ndarray, dt: float, steps: int) -> March:
         """The scheme of Sect. 4.2 from a state at t = 0, `steps` steps of `dt` by the Runge-Kutta method of order 4.
 
-        The stick set is decided at the start of a step. A step in which a slider's velocity changes its sign ends where it
-        vanishes, and the rest of it follows from there.
+        The stick set is decided at the start of a step. A step in which a slider's velocity changes its sign ends where
+        it vanishes, and the rest of it follows from there.
         """
         y, mode = np.concatenate([q, v]), np.sign(self.equations.at(0.0, q, v).slip_speed).astype(int)
         rows: list[tuple[np.ndarray, ...]] = []
@@ -231,7 +250,8 @@ class Paper:
                     if old is not None and np.any(changed := mode != old):
                         left = _row(t, y, old, self.solve(t, *np.split(y, 2), old))
                         for g in np.flatnonzero(changed):
-                            events.append((t, "slip" if old[g] == 0 else "stick" if mode[g] == 0 else "reversal", int(g)))
+                            events.append((t, "slip" if old[g] == 0 else "stick" if mode[g] == 0 else "reversal",
+                                           int(g)))
                             sides += [left, row]
                     old = mode
                     if part == 0:
@@ -267,7 +287,8 @@ class Paper:
         if not len(stopped):
             return h, -1
         first = int(min(stopped, key=lambda g: begin[g] / (begin[g] - end[g]) if begin[g] > 0 else 0.5))
-        return brentq(lambda length: speeds(length)[first], 0.0, h, xtol=1e-15 * h, rtol=1e-15) if begin[first] > 0 else 0.0, first
+        return brentq(lambda length: speeds(length)[first], 0.0, h, xtol=1e-15 * h,
+                      rtol=1e-15) if begin[first] > 0 else 0.0, first
 
 
 def _row(t: float, y: np.ndarray, mode: np.ndarray, found: Solution) -> tuple[np.ndarray, ...]:

@@ -35,7 +35,8 @@ def drift_table(records: Iterable[Record]) -> pd.DataFrame:
 def drift(trajectory: Trajectory | None) -> dict[str, Any]:
     """Return the drift of one run, exact for its states up to rounding; empty values where there is no run.
 
-    Growth over so short a run is often inconclusive; `stiction.comparisons.studies.stabilization_drift` has longer ones.
+    Growth over so short a run is often inconclusive; `stiction.comparisons.studies.stabilization_drift` has longer
+    ones.
     """
     row: dict[str, Any] = {"truth tier": "closed form"}
     if trajectory is None or len(trajectory.t) < 3:

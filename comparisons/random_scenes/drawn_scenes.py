@@ -39,7 +39,8 @@ class Study:
 
     module: str
     judge: Callable[[int, int, Sequence[float]], Sequence[Sequence[Verdict]]]
-    """``judge(seed, i, rtols)``: for each tolerance the verdicts on scene i of a seed; a module's, for child processes"""
+    """``judge(seed, i, rtols)``: for each tolerance the verdicts on scene i of a seed; a module's, for child
+    processes"""
     outcomes: Mapping[str, str]
     """Their meanings, best first"""
     failing: tuple[str, ...]
@@ -58,7 +59,8 @@ class Study:
         """Table of the number of verdicts by outcome, their share, and the largest finite error."""
         found = pd.DataFrame(verdicts, columns=["outcome", "detail", "error", "about"])
         errors = found["error"].replace(np.inf, np.nan).groupby(found["outcome"])
-        table = pd.DataFrame({"number": errors.size(), f"largest {self.measure}": errors.max()}, index=list(self.outcomes))
+        table = pd.DataFrame({"number": errors.size(), f"largest {self.measure}": errors.max()},
+                             index=list(self.outcomes))
         table["number"] = table["number"].fillna(0).astype(int)
         table.insert(1, "share", table["number"] / max(len(found), 1))
         return table.rename_axis("outcome").reset_index()

@@ -35,7 +35,8 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
     def tables(found: list[Any]) -> Tables:
         motion, drift, *open_choices = found
-        about_drift = pd.DataFrame(drift_claims(drift.tables["study"], scope.scenes[0].name)).assign(status="ok", reason="")
+        about_drift = pd.DataFrame(drift_claims(drift.tables["study"],
+                                                scope.scenes[0].name)).assign(status="ok", reason="")
         claims = pd.concat([motion, about_drift], ignore_index=True)
         return Tables({"claims": claims, **dict(zip(["sensitivity"], open_choices))})
 

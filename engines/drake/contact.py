@@ -147,7 +147,7 @@ class Boxes:
         self._context = self._graph.GetMyMutableContextFromRoot(root)
 
     def sink(self, position: np.ndarray, after: np.ndarray) -> None:
-        """Take the place across the guide, and the angle, of each slider from other coordinates of the links, in place."""
+        """Take each slider's place across its guide and its angle from other coordinates of the links."""
         for link, normal in self._across:
             place = slice(link - 2, link)  # of the links that slide along x and y
             position[place] += normal * (normal @ (after[place] - position[place]))

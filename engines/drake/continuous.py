@@ -255,7 +255,7 @@ class _Simulation:
         builder.Connect(system.get_output_port(), links.plant.get_applied_spatial_force_input_port())
 
     def _motors(self, scene: Scene) -> list[tuple[int, float, float, list[tuple[int, int]]]]:
-        """Return link, rate (rad/s), gain (N m s) of each drive, and its torque's places among the loads, with signs."""
+        """Return each drive's link, rate (rad/s), gain (N m s), and its torque's places among the loads."""
         mass, names, found = start_mass(scene, self._tree), list(scene.bodies), []
         for name, drive in scene.drives.items():
             if not isinstance(drive.law, (Constant, Linear)):

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from stiction.reference_impl.integration.result import Run
     from stiction.reference_impl.multibody.mechanism import Mechanism
 
-SETTINGS = {"method": "event", "solver": "automatic", "stabilization": "scene", "assemble": False, "event_values": True, "audit": "sampled"}
+SETTINGS = {"method": "event", "solver": "automatic", "stabilization": "scene", "assemble": False, "event_values": True,
+            "audit": "sampled"}
 METHODS = ("event", "paper", "textbook")
 STABILIZATIONS = ("scene", "none", "baumgarte", "projection")
 AUDITS = {"none": 0, "sampled": 1, "dense": 32}
@@ -28,22 +29,24 @@ AUDITS = {"none": 0, "sampled": 1, "dense": 32}
 class ReferenceEngine(Engine):
     """Zhuang & Wang (2014): HLCP, in three ways.
 
-    ``method="event"``: contact modes frozen between located events, DOP853 to `rtol`. ``method="paper"``: fixed step `dt`,
-    HLCP at every evaluation. Giving `dt` alone means the paper's way. ``method="textbook"``: the same as written, in dense NumPy
-    (`stiction.reference_impl.paper`), hundreds of times slower, to be read and compared with. In all, parts of a scene that do not act
-    on each other are integrated on their own; an event has the values of its part.
+    ``method="event"``: contact modes frozen between located events, DOP853 to `rtol`. ``method="paper"``: fixed step
+    `dt`, HLCP at every evaluation. Giving `dt` alone means the paper's way. ``method="textbook"``: the same as written,
+    in dense NumPy (`stiction.reference_impl.paper`), hundreds of times slower, to be read and compared with. In all,
+    parts of a scene that do not act on each other are integrated on their own; an event has the values of its part.
 
-    How contact forces are found, in the first two: ``solver="lemke"``, the paper's; ``"enumeration"``, by trying all contact
-    modes; ``"trial"``, by trial and error on the signs of the normal forces, as before complementarity (Klepp 1996). Where one of these
-    finds no solution the run ends, and `Trajectory.breakdown` says when and where. ``"automatic"``: Lemke's method, and all contact modes
-    where it ends without a solution; a large mechanism, whose contact forces are known to be unique, first by trial and error. The counters
-    ``lemke_rays``, ``enumerations`` and ``trial_fallbacks`` say how often one took the place of another.
+    How contact forces are found, in the first two: ``solver="lemke"``, the paper's; ``"enumeration"``, by trying all
+    contact modes; ``"trial"``, by trial and error on the signs of the normal forces, as before complementarity (Klepp
+    1996). Where one of these finds no solution the run ends, and `Trajectory.breakdown` says when and where.
+    ``"automatic"``: Lemke's method, and all contact modes where it ends without a solution; a large mechanism, whose
+    contact forces are known to be unique, first by trial and error. The counters ``lemke_rays``, ``enumerations`` and
+    ``trial_fallbacks`` say how often one took the place of another.
 
-    ``audit="sampled"``: every step of the event-driven method is verified against Coulomb's law at an instant that no method chose, and the
-    run ends with a breakdown where it is violated. ``"dense"``: at 32 instants; ``"none"``: never.
+    ``audit="sampled"``: every step of the event-driven method is verified against Coulomb's law at an instant that no
+    method chose, and the run ends with a breakdown where it is violated. ``"dense"``: at 32 instants; ``"none"``:
+    never.
 
-    ``stabilization``: ``"scene"`` does what the scene declares; ``"none"``, ``"baumgarte"`` and ``"projection"`` take its place.
-    ``assemble=True`` moves a start that violates the constraints onto them.
+    ``stabilization``: ``"scene"`` does what the scene declares; ``"none"``, ``"baumgarte"`` and ``"projection"`` take
+    its place. ``assemble=True`` moves a start that violates the constraints onto them.
 
     ``event_values=False``: events have their time, kind and guide but no values, for runs of very many events.
     """
@@ -52,7 +55,8 @@ class ReferenceEngine(Engine):
     capabilities = Capabilities(
         fidelities=("joint",), static_coefficient={"joint": True},
         friction_law={"joint": "Coulomb, set-valued, mu and mus, load of each corner force (engine)"},
-        reactions="engine", order="8 between events, events located (event); 4 between events, 1 across a break-away (paper, textbook)",
+        reactions="engine",
+        order="8 between events, events located (event); 4 between events, 1 across a break-away (paper, textbook)",
         adaptive=True)
 
     @property
@@ -63,12 +67,14 @@ class ReferenceEngine(Engine):
         return dict(SETTINGS)
 
     def check_arguments(self, *, fidelity: str, settings: Mapping[str, Any], **_: Any) -> None:
-        check_settings(settings, self.default_settings(fidelity), self.name, fidelity)  # a step or a tolerance: each method has its own
+        # a step or a tolerance: each method has its own
+        check_settings(settings, self.default_settings(fidelity), self.name, fidelity)
 
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return True
 
-    def prepare_run(self, scene: Scene, *, dt: float | None = None, rtol: float | None = None, method: str | None = None,
+    def prepare_run(self, scene: Scene, *, dt: float | None = None, rtol: float | None = None,
+                    method: str | None = None,
                     stabilization: str = "scene", **_: Any) -> None:
         from stiction.reference_impl.compiled.compiling_ahead import compile_ahead, event_kernels
 
@@ -105,7 +111,8 @@ class ReferenceEngine(Engine):
 
             def simulate(i: int, until: float):
                 return simulate_event_driven(parts[i], *starts[i], output[output <= until], until, rtol, solver=solver,
-                                             sides=chosen["event_values"], audits=AUDITS[chosen["audit"]] if parts[i].guide_names else 0)
+                                             sides=chosen["event_values"], audits=AUDITS[chosen["audit"]]
+                                             if parts[i].guide_names else 0)
         else:
             dt = step_of(dt, t_end)
             steps = max(1, round(t_end / dt))
@@ -122,25 +129,33 @@ class ReferenceEngine(Engine):
         with _linear_algebra().limit(limits=1):
             run = simulate_parts(scene, parts, simulate, t_end)
         rows = _rows_that_are_motion(run, max(part.arrays.length_scale for part in parts))
-        cost = type(run.cost)(run.cost.setup_s + assembled, compiling_seconds() - compiled, run.cost.stepping_s, run.cost.counters)
+        cost = type(run.cost)(run.cost.setup_s + assembled, compiling_seconds() - compiled, run.cost.stepping_s,
+                              run.cost.counters)
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t[:rows],
-            columns={name: values[:rows] for name, values in run.columns.items()}, events=run.events, cost=cost, termination=run.termination,
+            columns={name: values[:rows] for name, values in run.columns.items()}, events=run.events, cost=cost,
+            termination=run.termination,
             breakdown=run.breakdown,
-            settings={**scale, "method": chosen["method"], "solver": chosen["solver"], "stabilization": parts[0].stabilization,
+            settings={**scale, "method": chosen["method"], "solver": chosen["solver"],
+                      "stabilization": parts[0].stabilization,
                       "friction_law": self.capabilities.friction_law["joint"],
-                      "hyperstatic_split": "surfaces of a slider: equal mobilization f/(mus N); guides that share a friction: "
-                                           "the shortest forces within their capacities, else as Lemke's method returns it"})
+                      "hyperstatic_split": "surfaces of a slider: equal mobilization f/(mus N); guides that share a "
+                                           "friction: "
+                                           "the shortest forces within their capacities, else as Lemke's method "
+                                           "returns it"})
 
 
 def _rows_that_are_motion(run: Run, size: float) -> int:
-    """All rows of a run to its end; of one that broke down those before the first that is not finite, or further off the constraints than `size`.
+    """All rows of a run to its end.
+
+    Of one that broke down those before the first that is not finite, or further off the constraints than `size`.
 
     A fixed step that is unstable overflows within a step or two, and writes them on its way out.
     """
     if run.breakdown is None or len(run.t) < 2:  # one that broke down at once has its start, without forces
         return len(run.t)
-    motion = np.all([run.columns["drift.position"] <= size, *(np.isfinite(values) for values in run.columns.values())], axis=0)
+    motion = np.all([run.columns["drift.position"] <= size, *(np.isfinite(values) for values in run.columns.values())],
+                    axis=0)
     return len(run.t) if motion.all() else int(np.argmin(motion))
 
 
@@ -160,7 +175,8 @@ def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) ->
     if chosen["audit"] not in AUDITS:
         raise InputError(f"reference: audit = {chosen['audit']!r}; expected one of {', '.join(AUDITS)}")
     if chosen["stabilization"] not in STABILIZATIONS:
-        raise InputError(f"reference: stabilization = {chosen['stabilization']!r}; expected one of {', '.join(STABILIZATIONS)}")
+        raise InputError(f"reference: stabilization = {chosen['stabilization']!r}; expected one of "
+                         f"{', '.join(STABILIZATIONS)}")
     if chosen["method"] == "textbook":
         for key in ("solver", "stabilization"):
             if chosen[key] != SETTINGS[key]:
@@ -201,7 +217,8 @@ def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, s
     order += range(len(order), march.force.shape[1])
 
     def columns(part: March, every: int = 1) -> dict[str, np.ndarray]:
-        return build_columns(mechanism, *(values[::every] for values in (part.t, part.q, part.v, part.a, part.force[:, order], part.mode)))
+        return build_columns(mechanism, *(values[::every] for values in (part.t, part.q, part.v, part.a,
+                                                                         part.force[:, order], part.mode)))
 
     sides = rows_of(columns(march.sides)) if march.sides else []
     events = tuple(Event(instant, kind, mechanism.guide_names[guide], *sides[2 * i:2 * i + 2])
@@ -214,8 +231,8 @@ def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, s
 def _linear_algebra() -> ThreadpoolController:
     """The thread pools of the libraries that the kernels, which are loaded, take their matrix decompositions from.
 
-    Matrices of a hundred rows lose with more than one thread: ten four-bars took ten times as much CPU with two. The limit lasts as
-    long as a run; before and behind, a program's own linear algebra has the threads it had.
+    Matrices of a hundred rows lose with more than one thread: ten four-bars took ten times as much CPU with two. The
+    limit lasts as long as a run; before and behind, a program's own linear algebra has the threads it had.
     """
     return ThreadpoolController().select(user_api="blas")
 

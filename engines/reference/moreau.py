@@ -15,12 +15,14 @@ SETTINGS = {"clearance": 1e-6, "restitution": 0.0}
 
 
 class MoreauEngine(Engine):
-    """Flores, Leine & Glocker (2010): unilateral contacts of the sliders' corners, impulses, fixed step (`stiction.reference_impl.integration.moreau`).
+    """Flores, Leine & Glocker (2010).
+
+    Unilateral contacts of the sliders' corners, impulses, fixed step (`stiction.reference_impl.integration.moreau`).
 
     Settings: `clearance` between a slider in the middle of its guide and each surface, in parts of the mechanism's size
-    (`Arrays.length_scale`; the settings of a trajectory have it in metres too); `restitution`, Newton's coefficient. A guide
-    without length has its slider's point between two surfaces and its angle held. Every scene can be represented, guides on moving
-    bodies included, but for static coefficients above the kinetic ones.
+    (`Arrays.length_scale`; the settings of a trajectory have it in metres too); `restitution`, Newton's coefficient. A
+    guide without length has its slider's point between two surfaces and its angle held. Every scene can be represented,
+    guides on moving bodies included, but for static coefficients above the kinetic ones.
     """
 
     name = "moreau"
@@ -43,7 +45,8 @@ class MoreauEngine(Engine):
         return True
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        return next((f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = {guide.mus:g} is not mu = {guide.mu:g}"
+        return next((f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = {guide.mus:g} is not "
+                     f"mu = {guide.mu:g}"
                      for name, guide in scene.frictional_guides.items() if guide.static_coefficient != guide.mu), None)
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
@@ -56,7 +59,8 @@ class MoreauEngine(Engine):
         dt = step_of(dt, t_end)
         options = settings_of(settings, SETTINGS, self.name, fidelity)
         if not 0 < options["clearance"] < 1:
-            raise InputError(f"clearance: found {options['clearance']!r}; expected a part of the mechanism's size, 0 < clearance < 1")
+            raise InputError(f"clearance: found {options['clearance']!r}; expected a part of the mechanism's size, 0 < "
+                             "clearance < 1")
         if options["restitution"] > 1:
             raise InputError(f"restitution: found {options['restitution']!r}; expected 0 .. 1")
         compiled, started = compiling_seconds(), clock()
@@ -68,9 +72,11 @@ class MoreauEngine(Engine):
         assembled = clock() - started
         run = simulate_moreau(mechanism, q, v, dt, steps, steps_between_outputs(steps, output_step / dt), clearance,
                               options["restitution"])
-        cost = type(run.cost)(run.cost.setup_s + assembled, compiling_seconds() - compiled, run.cost.stepping_s, run.cost.counters)
+        cost = type(run.cost)(run.cost.setup_s + assembled, compiling_seconds() - compiled, run.cost.stepping_s,
+                              run.cost.counters)
         return Trajectory(
-            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns, cost=cost,
+            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns,
+            cost=cost,
             termination=run.termination, breakdown=run.breakdown,
             settings={"dt": dt, "method": "Moreau midpoint", **options, "clearance [m]": clearance,
                       "friction_law": self.capabilities.friction_law[fidelity]})

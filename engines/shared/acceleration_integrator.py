@@ -70,15 +70,14 @@ class Accelerations(ABC):
 
 
 class _Mode(NamedTuple):
-    """Per frictional guide: slip -1, 0 (stick), 1, and the signs of its corner forces, shape (frictional, 4), as in
-    `contact_modes`."""
+    """Slip of each frictional guide, -1, 0 (stick), 1, and signs of its corner forces, (frictional, 4)."""
 
     slip: np.ndarray
     corner: np.ndarray
 
 
 class _Instant(NamedTuple):
-    """What holds at a state in a contact mode: x'', frictions (N), and event functions, shape (frictional, 3)."""
+    """Solution at a state in a contact mode: x'', frictions (N), and event functions, shape (frictional, 3)."""
 
     second: np.ndarray
     friction: np.ndarray
@@ -108,7 +107,8 @@ class _Frictional:
         self._balance.assemble(t, q, v)
         # normal forces and moments of the guides: constant + slope @ friction
         constant = np.array(self._balance.reactions(a, np.zeros(count))[:2])
-        slope = np.stack([np.array(self._balance.reactions(engine.motion(t, x, rate, second + add)[2], one)[:2]) - constant
+        slope = np.stack([np.array(self._balance.reactions(engine.motion(t, x, rate, second + add)[2], one)[:2])
+                          - constant
                           for add, one in zip(per_newton.T, np.eye(count))], axis=-1)
         matrix, right = np.eye(count), np.zeros(count)
         for i, d in enumerate(mode.slip):
@@ -150,7 +150,8 @@ class _Frictional:
                 wrong[but] = False
             mode.corner[:, :2][wrong] *= -1
 
-    def first_event(self, curve: Callable[[float], np.ndarray], start: float, end: float, mode: _Mode) -> tuple[float, int]:
+    def first_event(self, curve: Callable[[float], np.ndarray], start: float, end: float,
+                    mode: _Mode) -> tuple[float, int]:
         """First instant at which an event function falls through zero, and its place; `end` and -1 if none does."""
         def value(t: float, place: int) -> float:
             return self.at(t, curve(t), mode).event.flat[place]
@@ -205,7 +206,8 @@ def tolerance_of(dt: float | None, rtol: float | None, fidelity: str, settings: 
     return DEFAULT_TOLERANCE if rtol is None else rtol
 
 
-def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, version: str, t_end: float, rtol: float, output_step: float,
+def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, version: str, t_end: float, rtol: float,
+              output_step: float,
               setup_s: float) -> Trajectory:
     """Integrate from t = 0 to t_end with local errors of rtol (1 + |x|), in m, rad and their rates.
 
@@ -271,7 +273,8 @@ def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, versio
         events = [Event(sides.t[2 * i], kind, guide, rows[2 * i], rows[2 * i + 1])
                   for i, (kind, guide) in enumerate(switches)]
     return Trajectory(
-        scene=scene.name, engine=engine, version=version, fidelity="joint", t=np.array(samples.t), columns=samples.columns(),
+        scene=scene.name, engine=engine, version=version, fidelity="joint", t=np.array(samples.t),
+        columns=samples.columns(),
         events=tuple(events), settings={"rtol": rtol, "method": METHOD, "friction_law": FRICTION_LAW},
         cost=Cost(setup_s, compiled - started, ended - compiled,
                   {"steps": steps, "rhs": mechanism.calls, "events": len(events)}, engine_s))

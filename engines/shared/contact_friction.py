@@ -1,5 +1,7 @@
-"""Friction of sliders that an engine holds by contacts: what the contacts of each guide tell of it, and the coefficient
-that they get."""
+"""Friction of sliders that an engine holds by contacts.
+
+What the contacts of each guide tell of it, and the coefficient that they get.
+"""
 
 from __future__ import annotations
 
@@ -30,14 +32,14 @@ class ContactFriction(CoefficientSwitch):
         self._along = [(places[guide.slider], *direction_of(guide)) for guide in scene.frictional_guides.values()]
 
     def forget(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Leave stick open where these coordinates and velocities of the joints have no slip, whatever steps before
-        told."""
+        """Leave stick open where these joint coordinates and velocities have no slip."""
         _, v, _ = self._tree.motion(position, velocity, self._still)
         self._guides["slip_speed"] = [ux * v[place] + uy * v[place + 1] for place, ux, uy in self._along]
         self._guides["stuck"] = self._guides["change"] = 0
         self.begin()
 
-    def observe_contacts(self, position: np.ndarray, velocity: np.ndarray, coefficients: Sequence[float], normals: Sequence[float],
+    def observe_contacts(self, position: np.ndarray, velocity: np.ndarray, coefficients: Sequence[float],
+                         normals: Sequence[float],
                          frictions: Sequence[float]) -> None:
         """Take in a step.
 

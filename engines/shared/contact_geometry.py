@@ -1,4 +1,4 @@
-"""What contact fidelity needs of a scene: each slider a box in a guide on the ground."""
+"""Geometry of contact fidelity: each slider a box in a guide on the ground."""
 
 from __future__ import annotations
 
@@ -29,19 +29,27 @@ def contact_refusal(scene: Scene) -> str | None:
 
 def crowded(scene: Scene, most: int, called: str) -> str | None:
     """Why an engine whose collision filters have a bit for each guide cannot keep them apart; None if it can."""
-    return f"{len(scene.guides)} guides; {called}'s collision filters, which keep them apart, have room for {most}" if len(scene.guides) > most else None
+    return (
+        f"{len(scene.guides)} guides; {called}'s collision filters, which keep them apart, have room for {most}"
+        if len(scene.guides) > most
+        else None
+    )
 
 
 def several_guides(scene: Scene) -> str | None:
-    """Which body slides in two guides, for engines that give a body one box; None if none does."""
-    return next((f"joints.{name}: its slider slides in joints.{other}, too; here a body touches one guide" for name, other in _of_one_slider(scene)), None)
+    """Name the body that slides in two guides, for engines that give a body one box; None if none does."""
+    return next((f"joints.{name}: its slider slides in joints.{other}, too; here a body touches one guide"
+                 for name, other in _of_one_slider(scene)), None)
 
 
 def unlike_guides(scene: Scene) -> str | None:
-    """Which body slides in two guides of unlike friction, for engines whose contacts are told by body; None if none
-    does."""
+    """Name the body that slides in two guides of unlike friction, for engines whose contacts are identified by body.
+
+    None if none does.
+    """
     friction = {name: (guide.mu, guide.static_coefficient) for name, guide in scene.guides.items()}
-    return next((f"joints.{name}: its slider slides in joints.{other}, too, with other coefficients; here a body has one friction"
+    return next((f"joints.{name}: its slider slides in joints.{other}, too, with other coefficients; here a body has "
+                 "one friction"
                  for name, other in _of_one_slider(scene) if friction[name] != friction[other]), None)
 
 
@@ -65,8 +73,10 @@ def box_angle(guide: Translational) -> float:
 
 
 def slider_box(guide: Translational, clearance: float) -> list[tuple[float, float]]:
-    """Corners of the box in the slider's axes (m), counter-clockwise, around the slider's point; narrower than the
-    guide by the clearance (m)."""
+    """Corners of the box in the slider's axes (m), counter-clockwise, around the slider's point.
+
+    Narrower than the guide by the clearance (m).
+    """
     angle = box_angle(guide)
     c, s = cos(angle), sin(angle)
     x0, y0 = guide.slider_point

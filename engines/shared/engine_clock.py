@@ -1,4 +1,4 @@
-"""What of a run's CPU time is spent inside the engine's own calls.
+"""CPU time of a run inside the engine's own calls.
 
 To ask a system for the CPU time of a process takes 0.8 to 7 us where that is a system call (the more, the busier the
 machine), as much as a step of a small mechanism; to ask for the time of day takes 0.05 us. So the time of day is looked
@@ -68,8 +68,10 @@ class EngineClock:
         self._since, self._next_look = self._began, self._began + INTERVAL
 
     def _share_out(self, now: float) -> None:
-        """Give the engine its part of the CPU time of the interval that ends. The look itself is in none: it is where
-        another process may come in."""
+        """Give the engine its part of the CPU time of the interval that ends.
+
+        The look itself is in none: it is where another process may come in.
+        """
         spent = process_time()
         if now > self._began:
             self._engine_s += (spent - self._spent) * self._inside / (now - self._began)

@@ -1,4 +1,4 @@
-"""What engines of fixed step share: settings, the loop over steps, output, cost."""
+"""Common parts of engines of fixed step: settings, the loop over steps, output, cost."""
 
 from __future__ import annotations
 
@@ -151,7 +151,8 @@ def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float | t
         if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) \
                 or not math.isfinite(value) or value < (1 if whole else 0):
             raise InputError(f"{name}: found {value!r}; expected a {'whole number >= 1' if whole else 'number >= 0'}")
-    return {**{name: default[0] if isinstance(default, tuple) else default for name, default in defaults.items()}, **given}
+    return {**{name: default[0] if isinstance(default, tuple) else default for name, default in defaults.items()},
+            **given}
 
 
 def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fidelity: str, t_end: float, dt: float,
@@ -191,7 +192,8 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
                 raise FloatingPointError("a state is not finite")
             samples.append(sample)
     except FloatingPointError as error:
-        raise EngineFailure(f"{engine}: {error}, after t = {max(len(samples) - 1, 0) * every * dt:g} s with dt = {dt:g} s") from error
+        raise EngineFailure(f"{engine}: {error}, after t = {max(len(samples) - 1, 0) * every * dt:g} s with dt = "
+                            f"{dt:g} s") from error
     stepping, engine_s, passes = process_time() - start, stepper.clock.engine_s, stepper.clock.calls
     t = np.arange(0, last + 1, every) * dt
     q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
@@ -212,8 +214,9 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
 
 
 def _held_too(scene: Scene, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float) -> np.ndarray:
-    """Guides at their bound that are at rest, shape (n, frictional): another guide is held (its friction is nan), and a
-    step moves them by less than rounding.
+    """Guides at their bound that are at rest, shape (n, frictional).
+
+    Another guide is held (its friction is nan), and a step moves them by less than rounding.
 
     Where guides share a friction at rest the engine gives some of them their bound; the sign of a velocity of 1e-20 m/s
     is no direction of slip.
@@ -221,5 +224,6 @@ def _held_too(scene: Scene, q: np.ndarray, v: np.ndarray, friction: np.ndarray, 
     if friction.shape[1] < 2:
         return np.zeros(friction.shape, dtype=bool)
     m = Mechanism(scene, stabilization="none").arrays
-    slip = np.stack([guide_motion(m, list(scene.joints).index(name), q, v)[1] for name in scene.frictional_guides], axis=1)
+    slip = np.stack([guide_motion(m, list(scene.joints).index(name), q, v)[1] for name in scene.frictional_guides],
+                    axis=1)
     return (np.abs(slip) * dt <= np.finfo(float).eps * m.length_scale) & np.isnan(friction).any(axis=1, keepdims=True)

@@ -27,7 +27,7 @@ _FIRST_STEPS = 4  # no step before them tells their reactions
 
 
 class GuideFriction:
-    """What the steps of an engine told of a scene's frictional guides; none of them tells nothing.
+    """Findings of an engine's steps about frictional guides; empty arrays where there is none.
 
     Parameters
     ----------
@@ -37,7 +37,12 @@ class GuideFriction:
     def __init__(self, scene: Scene):
         self._guides = np.zeros(len(scene.frictional_guides), GUIDE)
         for row, guide in zip(self._guides, scene.frictional_guides.values()):
-            row["mu"], row["mus"], row["length"], row["width"] = guide.mu, guide.static_coefficient, guide.length or 0.0, guide.width or 0.0
+            row["mu"], row["mus"], row["length"], row["width"] = (
+                guide.mu,
+                guide.static_coefficient,
+                guide.length or 0.0,
+                guide.width or 0.0,
+            )
 
     def begin(self) -> None:
         """Begin the first step, where the kernel of the engine's steps does not."""
@@ -47,7 +52,7 @@ class GuideFriction:
         return self._guides["mode"].copy()
 
     def modes_before(self) -> np.ndarray:
-        """As `modes`, in the step before the last."""
+        """`modes` in the step before the last."""
         return self._guides["mode_before"].copy()
 
     def frictions(self) -> np.ndarray:
@@ -56,7 +61,7 @@ class GuideFriction:
 
 
 class FrictionCap(GuideFriction):
-    """What the steps of a mechanism with frictional guides go by.
+    """Bound of friction in the steps of a mechanism with frictional guides.
 
     Stick is tried with the static coefficient, `passes` times from the same state so that cap and reactions
     agree; where it does not hold, the step is taken with the kinetic one. A guide that slips and keeps its direction
@@ -88,7 +93,8 @@ class FrictionCap(GuideFriction):
             self._guides = self._guides[:0]
         caps, self.held = np.zeros((2, len(self._guides)))
         self.caps = caps.tolist  # as a method of ours it would take twice as long
-        self.data = Cap(balance=balance.data, guides=self._guides, passes=passes, attempts=np.array((0, _FIRST_STEPS), dtype=ATTEMPTS),
+        self.data = Cap(balance=balance.data, guides=self._guides, passes=passes,
+                        attempts=np.array((0, _FIRST_STEPS), dtype=ATTEMPTS),
                         caps=caps, held=self.held)
 
 

@@ -21,7 +21,8 @@ def refuse_off(scene: Scene) -> None:
     Declined
         With the largest residual.
     """
-    from stiction.reference_impl.multibody.dynamics import row_form  # imported here: what lists engines needs no kernels
+    # imported here: what lists engines needs no kernels
+    from stiction.reference_impl.multibody.dynamics import row_form
     from stiction.reference_impl.multibody.kinematics import workspace
     from stiction.reference_impl.multibody.mechanism import Mechanism
     from stiction.reference_impl.multibody.subsystems import independent_parts

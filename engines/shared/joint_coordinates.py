@@ -1,5 +1,4 @@
-"""What engines share that know a mechanism as a tree of links (`stiction.engines.shared.link_tree`) with motors in its
-joints.
+"""Steps of engines that know a mechanism as a tree of links with motors in its joints.
 
 A step from t to t + h solves for the accelerations at q(t) under the loads at t, then v(t+h) = v(t) + h a and
 q(t+h) = q(t) + h v(t+h). So a sample at t holds the acceleration of the step that begins at t.
@@ -110,7 +109,8 @@ class TreeStepper(Stepper):
         refuse_off(scene)
         self.h, self.tree, self._k = h, tree, 0
         self.loaded = bool(scene.springs or scene.forces)
-        self._balance = MomentumBalance(scene)  # of every scene: one that is too large for it is refused before the engine has it
+        # of every scene: one that is too large for it is refused before the engine has it
+        self._balance = MomentumBalance(scene)
         self._cap = FrictionCap(scene, self._balance, passes, capped)
         self.friction = self._cap if capped else ContactFriction(scene, tree)
         self.held, self.balanced = self._cap.held, bool(len(self._cap.held))
@@ -120,26 +120,35 @@ class TreeStepper(Stepper):
         self._followed: list[tuple[int, int, Law, float]] = []
 
     def joints_are(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Where the joints' coordinates and velocities are found from now on: arrays of one's own, or the engine's."""
+        """Set the arrays of the joints' coordinates and velocities from now on.
+
+        Arrays of one's own, or the engine's.
+        """
         links, coordinates = len(self.tree.links), len(self._balance.data.q)
         self.position, self.velocity, self.loads = position, velocity, self._balance.data.loads
         *self.start, last_position, last_velocity, acceleration = np.zeros((5, links))
         self.coordinates, v, a = np.zeros((3, coordinates))
         signs = [self.tree.links[link].sign for link in self.friction_links]
         self._bundle = JointStep(
-            cap=self._cap.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data_of_its_own(), links=np.array(self.friction_links, dtype=np.int64),
-            signs=np.array(signs, dtype=float), position=position, velocity=velocity, start_position=self.start[0], start_velocity=self.start[1],
-            last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates, v=v, a=a)
+            cap=self._cap.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data_of_its_own(),
+            links=np.array(self.friction_links, dtype=np.int64),
+            signs=np.array(signs, dtype=float), position=position, velocity=velocity, start_position=self.start[0],
+            start_velocity=self.start[1],
+            last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates,
+            v=v, a=a)
 
     def add_drives(self, scene: Scene) -> None:
-        """Give each drive's joint its motor, by `drive_rate`: at constant rate left alone, otherwise set so that each
-        step ends on the law."""
+        """Give each drive's joint its motor, by `drive_rate`.
+
+        At constant rate left alone, otherwise set so that each step ends on the law.
+        """
         for drive in scene.drives.values():
             link, sign = driven_link(scene, self.tree, drive)
             if isinstance(drive.law, (Constant, Linear)):
                 self.drive_rate(link, sign * evaluate_law(drive.law, 0.0)[1])
             else:
-                self._followed.append((link, sign, drive.law, self.position[link] - sign * evaluate_law(drive.law, 0.0)[0]))
+                self._followed.append((link, sign, drive.law, self.position[link]
+                                       - sign * evaluate_law(drive.law, 0.0)[0]))
 
     @abstractmethod
     def drive_rate(self, link: int, rate: float) -> None:
@@ -147,8 +156,10 @@ class TreeStepper(Stepper):
 
     @abstractmethod
     def advance(self, caps: Sequence[float]) -> None:
-        """One pass of the engine with these bounds of `friction_links` (N), under `loads`; sets position, velocity and
-        `held`."""
+        """One pass of the engine with these bounds of `friction_links` (N), under `loads`.
+
+        Sets position, velocity and `held`.
+        """
 
     @abstractmethod
     def retreat(self) -> None:
@@ -179,7 +190,7 @@ class TreeStepper(Stepper):
             self.retreat()
 
     def sample(self) -> Sample:
-        """That at the beginning of the last step."""
+        """Return the sample at the beginning of the last step."""
         step = self._bundle
         motion_of_bodies = self.tree.motion(step.last_position, step.last_velocity, step.acceleration)
         return Sample(*motion_of_bodies, self.friction.modes_before(), self.friction.frictions())
@@ -212,8 +223,7 @@ class TreeAccelerations(Accelerations):
 
     @abstractmethod
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mass matrix, shape (links, links), and the joint forces that these accelerations take under gravity, shape
-        (links,)."""
+        """Return the mass matrix (links, links) and the joint forces (links,) of these accelerations under gravity."""
 
     def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         position, velocity, driven = self._joints(t, x, rate, np.zeros(len(x)))

@@ -105,8 +105,10 @@ class LinkTree:
                 self._add_free(root)
             self._grow(scene, joints_of, root)
         self._bodies, count = len(scene.bodies), len(self.links)
-        tables = {field: np.array([getattr(link, field) for link in self.links], dtype=float) for field in ("axis", "anchor", "point", "angle")}
-        self.data = Tree(parent=np.array([link.parent for link in self.links]), slides=np.array([link.slides for link in self.links], dtype=np.int64),
+        tables = {field: np.array([getattr(link, field) for link in self.links], dtype=float)
+                  for field in ("axis", "anchor", "point", "angle")}
+        self.data = Tree(parent=np.array([link.parent for link in self.links]),
+                         slides=np.array([link.slides for link in self.links], dtype=np.int64),
                          order=np.array([self.link_of[name] for name in scene.bodies]), **_room(count), **tables)
 
     def _grow(self, scene: Scene, joints: Mapping[str, Sequence[str]], root: str) -> None:

@@ -41,8 +41,10 @@ class MomentumBalance:
         q, v, loads, excess = np.zeros((4, coordinates))
         force, right, solution, least_squares = np.zeros((4, rows))
         system, work = np.zeros((2, rows, rows))
-        self.data = Balance(m=m, w=workspace(m), mass=1.0 / m.inverse_mass, bodies=bodies, q=q, v=v, loads=loads, force=force,
-                            known=np.zeros(frictional), excess=excess, right=right, solution=solution, least_squares=least_squares,
+        self.data = Balance(m=m, w=workspace(m), mass=1.0 / m.inverse_mass, bodies=bodies, q=q, v=v, loads=loads,
+                            force=force,
+                            known=np.zeros(frictional), excess=excess, right=right, solution=solution,
+                            least_squares=least_squares,
                             unit=np.zeros(2 * rows), unknown=np.zeros(rows, dtype=np.int64), system=system, work=work)
 
     def compile(self) -> None:

@@ -1,4 +1,4 @@
-"""What adapters call at each step of their engine, compiled: balance of momentum, friction bound, forward kinematics.
+"""Compiled arithmetic of each step of an adapter: balance of momentum, friction bound, forward kinematics.
 
 An engine's step of a small mechanism takes some microseconds, as long as a few operations on small arrays in Python. So
 a step has one kernel, which ends it and begins the next one. The kernels stand in one file because the cache of
@@ -30,8 +30,10 @@ LOOK_AHEAD = 1.5
 """A reversal is expected within this many steps at the last step's change of velocity."""
 
 GUIDE = np.dtype([("mu", float), ("mus", float), ("length", float), ("width", float),
-                  ("normal_force", float), ("moment", float), ("friction", float), ("stuck", np.int64), ("landed", np.int64),
-                  ("slip_speed", float), ("slip_speed_before", float), ("change", float), ("mode", np.int64), ("mode_before", np.int64),
+                  ("normal_force", float), ("moment", float), ("friction", float), ("stuck", np.int64),
+                  ("landed", np.int64),
+                  ("slip_speed", float), ("slip_speed_before", float), ("change", float), ("mode", np.int64),
+                  ("mode_before", np.int64),
                   ("coefficient", float), ("cap", float)])
 """A frictional guide (m; length 0: without) and what the last step told of it: N, N m, m/s; `change` of the slip speed
 in it; `mode` -1, 0 (stick), 1 in it, and in the one before."""
@@ -81,8 +83,10 @@ class Balance(Bundle):
 
 
 class Cap(Bundle):
-    """Guides whose friction is capped, of a balance: attempts at an undecided step, those that are left, caps and
-    frictions held (frictional,), N."""
+    """Guides whose friction is capped, of a balance.
+
+    Attempts at an undecided step, those that are left, caps and frictions held (frictional,), N.
+    """
 
     balance: Balance
     guides: Guides
@@ -93,8 +97,10 @@ class Cap(Bundle):
 
 
 class Contacts(Bundle):
-    """Guides whose friction the engine finds itself, and what its last step told of them, (frictional,): sums over the
-    contacts of the largest possible and of the actual magnitude of friction (N), and slip speeds (m/s)."""
+    """Guides whose friction the engine finds itself, and what its last step told of them, (frictional,).
+
+    Sums over the contacts of the largest possible and of the actual magnitude of friction (N), and slip speeds (m/s).
+    """
 
     guides: Guides
     loads: Reals
@@ -103,9 +109,11 @@ class Contacts(Bundle):
 
 
 class Tree(Bundle):
-    """Tables of the links of `stiction.engines.shared.link_tree`, the link of each body, and room for the links'
-    motion: q, v, a (links, 3), and `arm` (links, 6), in ground axes: from the parent's centre of mass to the joint,
-    along the guide, and from the own centre of mass to the joint."""
+    """Tables of the links (`link_tree`), the link of each body, and the links' motion.
+
+    q, v, a are (links, 3). `arm` (links, 6) has, in ground axes: from the parent's centre of mass to the joint, along
+    the guide, and from the own centre of mass to the joint.
+    """
 
     parent: Integers
     slides: Integers
@@ -121,7 +129,7 @@ class Tree(Bundle):
 
 
 class SpaceMotion(Bundle):
-    """What an engine says of its bodies, from step to step.
+    """Motion of the bodies by an engine, from step to step.
 
     Attributes
     ----------
@@ -285,7 +293,14 @@ def row_forces(balance: Balance, a: Reals) -> None:
         for r in range(size):
             force[r] = np.nan
         return
-    unknown, system, work, solution, least_squares, n = balance.unknown, balance.system, balance.work, balance.solution, balance.least_squares, 0
+    unknown, system, work, solution, least_squares, n = (
+        balance.unknown,
+        balance.system,
+        balance.work,
+        balance.solution,
+        balance.least_squares,
+        0,
+    )
     for r in range(size):
         if r >= rows and not np.isnan(known[r - rows]):
             force[r] = known[r - rows]
@@ -317,7 +332,7 @@ def _sign(value):
 
 @kernel
 def _undecided(guide):
-    """Whether the next step may begin, end or contain stick."""
+    """Return True where the next step may begin, end or contain stick."""
     return guide.stuck != 0 or guide.slip_speed * (guide.slip_speed + LOOK_AHEAD * guide.change) <= 0.0
 
 
@@ -367,8 +382,10 @@ def _begin(cap, t, q, v, ahead):
 
 @kernel
 def _judge(cap, a):
-    """Take in an attempt, whose slip speeds the guides have, and its accelerations; whether the step is to be
-    repeated."""
+    """Take in an attempt, whose slip speeds the guides have, and its accelerations.
+
+    Whether the step is to be repeated.
+    """
     guides, balance, m, attempts = cap.guides, cap.balance, cap.balance.m, cap.attempts
     for i in range(len(guides)):
         guide = guides[i]
@@ -377,7 +394,11 @@ def _judge(cap, a):
     row_forces(balance, a)
     for i in range(len(guides)):
         guide, row = guides[i], m.friction[i].row
-        guide.normal_force, guide.moment, guide.friction = balance.force[row], balance.force[row + 1], balance.force[m.rows + i]
+        guide.normal_force, guide.moment, guide.friction = (
+            balance.force[row],
+            balance.force[row + 1],
+            balance.force[m.rows + i],
+        )
     attempts.left -= 1
     repeat = attempts.left > 0
     if attempts.left == 0:  # what did not stick with the static coefficient slips with the kinetic one
@@ -502,7 +523,16 @@ def _turned(x, y, angle):
 @kernel
 def _move(tree, position, velocity, bodies_q, bodies_v):
     """Coordinates and velocities of links and bodies."""
-    parent, axis, anchor, point, order, arm, q, v = tree.parent, tree.axis, tree.anchor, tree.point, tree.order, tree.arm, tree.q, tree.v
+    parent, axis, anchor, point, order, arm, q, v = (
+        tree.parent,
+        tree.axis,
+        tree.anchor,
+        tree.point,
+        tree.order,
+        tree.arm,
+        tree.q,
+        tree.v,
+    )
     for i in range(len(parent)):
         x, y, th, vx, vy, om, p = anchor[i, 0], anchor[i, 1], 0.0, 0.0, 0.0, 0.0, parent[i]
         if p >= 0:

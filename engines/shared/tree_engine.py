@@ -1,4 +1,4 @@
-"""What the adapters of engines in joint coordinates have in common: which runs they make, and how."""
+"""Common parts of adapters of engines in joint coordinates: which runs they make, and how."""
 
 from __future__ import annotations
 
@@ -20,9 +20,12 @@ from stiction.scenes import Scene, Trajectory
 
 
 def tree_of(scene: Scene, fidelity: str) -> LinkTree:
-    """The scene's tree of links. At contact fidelity guides are no joints, and each slider is the root of a tree of its
-    own: what a step leaves of J' v, J the Jacobian of the contacts at its start, would move a slider that hangs on a
-    turning body along its surface, and off it."""
+    """The scene's tree of links.
+
+    At contact fidelity guides are no joints, and each slider is the root of a tree of its own: what a step leaves of J'
+    v, J the Jacobian of the contacts at its start, would move a slider that hangs on a turning body along its surface,
+    and off it.
+    """
     if fidelity == "joint":
         return LinkTree(scene)
     return LinkTree(scene, frozenset(scene.guides), tuple(guide.slider for guide in scene.guides.values()))
@@ -76,9 +79,12 @@ class TreeEngine(Engine):
         return None
 
     @abstractmethod
-    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], fidelity: str) -> AbstractContextManager[TreeStepper]:
-        """The engine's own steps of h seconds, for as long as they are taken; InputError for a setting out of its
-        range."""
+    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any],
+                fidelity: str) -> AbstractContextManager[TreeStepper]:
+        """The engine's own steps of h seconds, for as long as they are taken.
+
+        InputError for a setting out of its range.
+        """
 
     @abstractmethod
     def accelerations(self, scene: Scene, tree: LinkTree) -> AbstractContextManager[TreeAccelerations]:
@@ -90,12 +96,14 @@ class TreeEngine(Engine):
         if settings.get("method") == METHOD:
             tolerance = tolerance_of(dt, rtol, fidelity, settings)
             with self.accelerations(scene, tree_of(scene, fidelity)) as accelerations:
-                return integrate(accelerations, scene, engine=self.name, version=self.version, t_end=t_end, rtol=tolerance, output_step=output_step,
+                return integrate(accelerations, scene, engine=self.name, version=self.version, t_end=t_end,
+                                 rtol=tolerance, output_step=output_step,
                                  setup_s=time.process_time() - start)
         h = step_of(dt, t_end)
         options = settings_of(settings, self.defaults[fidelity], self.name, fidelity)
         with self.stepper(scene, tree_of(scene, fidelity), h, options, fidelity) as stepper:
-            return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
+            return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end,
+                             dt=h,
                              output_step=output_step, setup_s=time.process_time() - start,
                              reach=self.reach if fidelity == "contact" else math.inf,
                              settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})

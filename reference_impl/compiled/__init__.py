@@ -1,1 +1,1 @@
-"""How kernels are compiled, cached and called, and the linear algebra that all of them share."""
+"""Compilation, cache and calls of kernels, and the linear algebra that all of them share."""

@@ -66,8 +66,7 @@ class BundleType(types.Record):
 
 
 class Bundle:
-    """Base of classes whose annotations are `int`, `float`, another class of bundles, or one of the types of arrays
-    above.
+    """Base of classes with fields of `int`, `float`, another bundle, or one of the array types above.
 
     Parameters
     ----------
@@ -102,8 +101,10 @@ class Bundle:
 
     @classmethod
     def zeros(cls, **fields: Any) -> Self:
-        """A bundle with new arrays, all zero: numbers and bundles are given as they are, of arrays and records their
-        shapes."""
+        """A bundle with new arrays, all zero.
+
+        Numbers and bundles are given as they are, of arrays and records their shapes.
+        """
         arrays = cls._numba_type_.arrays
         made = {name: np.zeros(fields[name], dtype=dtype) for name, (dtype, _) in arrays.items() if name in fields}
         return cls(**{**fields, **made})

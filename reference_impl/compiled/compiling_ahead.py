@@ -40,8 +40,7 @@ def compile_all() -> None:
 
 
 def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
-    """Return the kernels that all runs of the event-driven method call for, with frictional guides or without, and with
-    projection or without."""
+    """Return the kernels of the event-driven method, with or without friction, with or without projection."""
     from stiction.reference_impl.compiled import linear_algebra
     from stiction.reference_impl.friction import (contact_modes, contact_solvers, guides_at_rest, hlcp, lemke,
                                                   mode_transition, uniqueness)
@@ -68,8 +67,10 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
 
 
 def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:
-    """A process that compiles them from the last to the first; none where it cannot be started. What it fails at, this
-    one will say."""
+    """A process that compiles them from the last to the first; none where it cannot be started.
+
+    What it fails at, this one will say.
+    """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:
         names = [kernel.name for kernel in reversed(kernels)]

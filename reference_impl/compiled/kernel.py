@@ -76,13 +76,15 @@ class Inlined:
 
     @property
     def _numba_type_(self) -> types.Type:
-        """By which numba knows what a call of it means."""
+        """Type of the kernel for numba, by which a call of it is compiled."""
         return _Callee(self._for_kernels)
 
 
 class _Callee(types.Dispatcher):
-    """Type of an `Inlined` kernel. numba would compile it for each constant that it is called with: it is compiled for
-    their type."""
+    """Type of an `Inlined` kernel. numba would compile it for each constant that it is called with.
+
+    It is compiled for their type.
+    """
 
     def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
         named = {name: types.unliteral(arg) for name, arg in kws.items()}
@@ -126,8 +128,10 @@ class Linked:
         return bool(files_of(self._kernel))
 
     def link(self, place: str = "") -> None:
-        """Compile it, or load it from the cache on disk, and fill its slot; once. If it is compiled the log says so,
-        with its place in a list."""
+        """Compile it, or load it from the cache on disk, and fill its slot; once.
+
+        If it is compiled the log says so, with its place in a list.
+        """
         if self.is_linked:
             return
         if not self.is_kept:
@@ -192,8 +196,10 @@ class Linked:
 
 @contextmanager
 def _collecting_nothing() -> Iterator[None]:
-    """numba makes millions of objects that stay: the garbage collector, which looks at them again and again, takes a
-    fifth of its time."""
+    """numba makes millions of objects that stay.
+
+    The garbage collector, which looks at them again and again, takes a fifth of its time.
+    """
     collects = gc.isenabled()
     gc.disable()
     try:

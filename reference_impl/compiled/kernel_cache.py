@@ -51,8 +51,10 @@ def files_of(dispatcher: Any) -> list[Path]:
 
 
 def repeat_if_damaged(dispatcher: Any, action: Callable[[], Any]) -> Any:
-    """Return the result of an action that loads a dispatcher's machine code; files that cannot be read are removed and
-    made anew."""
+    """Return the result of an action that loads a dispatcher's machine code.
+
+    Files that cannot be read are removed and made anew.
+    """
     try:
         return action()
     except DAMAGED:

@@ -89,8 +89,7 @@ def eliminate(A, x, unit, n, band, tolerance=RANK_TOLERANCE):
 
 @kernel
 def eliminate_columns(A: Table, B: Table, n: int, k: int, band: int) -> bool:
-    """Solve A X = B, the leading (n, n) and (n, k) parts, in place of B, by elimination with partial pivoting on rows
-    of unit size.
+    """Solve A X = B (leading n rows, k right sides) in place of B; partial pivoting on rows of unit size.
 
     A is zero more than `band` places from its diagonal.
     Returns False, with A and B destroyed, if a pivot is below RANK_TOLERANCE or not finite.
@@ -149,16 +148,16 @@ def solve_in_place(A: Table, x: Reals, unit: Reals, n: int, band: int, tolerance
 
 @kernel(allocates=True)
 def decompose(A: Table) -> tuple[Table, Reals, Table]:
-    """Singular values of a finite matrix, in decreasing order, between its left vectors, as rows, and its right
-    vectors, as columns."""
+    """Singular values of a finite matrix, decreasing; left vectors as rows, right vectors as columns."""
     U, s, Vt = np.linalg.svd(A, False)
     return U.T, s, Vt.T
 
 
 @kernel(allocates=True)
 def minimum_norm(A: Table, b: Reals, n: int) -> float:
-    """Put in place of b the shortest x among those that minimize |A x - b|, of the leading n x n part of A; nan where
-    that or b is not finite.
+    """Put in place of b the shortest x among those that minimize |A x - b|, of the leading n x n part of A.
+
+    Nan where that or b is not finite.
 
     Equations and unknowns are measured by the square roots of the diagonal of A: units do not enter the solution.
 

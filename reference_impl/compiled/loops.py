@@ -9,14 +9,14 @@ from stiction.reference_impl.compiled.kernel import kernel
 
 @kernel
 def copy(source, target):
-    """Of arrays of one dimension."""
+    """Copy arrays of one dimension."""
     for i in range(len(source)):
         target[i] = source[i]
 
 
 @kernel
 def are_equal(first, second):
-    """Of arrays of one dimension and one length."""
+    """Compare arrays of one dimension and one length."""
     for i in range(len(first)):
         if first[i] != second[i]:
             return False
@@ -25,7 +25,7 @@ def are_equal(first, second):
 
 @kernel(allocates=True)
 def taken(values, places):
-    """What an array of integers has at some places."""
+    """Elements of an array of integers at some places."""
     found = np.empty(len(places), dtype=np.int64)
     for i in range(len(places)):
         found[i] = values[places[i]]

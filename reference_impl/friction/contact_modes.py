@@ -83,8 +83,7 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
 
 @kernel
 def _leave_out_stabilization(w, r):
-    """Take Baumgarte's terms out of the equation of a constraint row whose mechanism more guides hold than it has
-    freedoms.
+    """Take Baumgarte's terms out of a row where more guides hold a mechanism than it has freedoms.
 
     Of redundant rows they ask for accelerations that contradict each other, and what is held has no drift to be taken
     back.
@@ -95,13 +94,16 @@ def _leave_out_stabilization(w, r):
 
 @kernel
 def _asks_for_motion(m):
-    """Whether Baumgarte's terms are in the equations."""
+    """Return True where Baumgarte's terms are in the equations."""
     return m.baumgarte_2alpha > 0.0 or m.baumgarte_beta2 > 0.0
 
 
 @kernel
 def _are_independent(w, nr):
-    """Whether the constraint rows are, without those of guides at rest; the scratch of the workspace is used."""
+    """Return True where the constraint rows are, without those of guides at rest.
+
+    The scratch of the workspace is used.
+    """
     for r in range(nr):
         w.x[r] = 0.0
         for c in range(nr):
@@ -111,7 +113,7 @@ def _are_independent(w, nr):
 
 @kernel
 def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
-    """As `solve_mode`, cell by cell."""
+    """Variant of `solve_mode`, cell by cell."""
     all_regular, without_friction = True, len(m.friction) == 0
     for c in range(len(m.cell)):
         band, first = m.cell[c].band, m.cell[c].first
@@ -147,8 +149,7 @@ def _solve_without_friction(m: Arrays, w: Workspace) -> None:
 
 @kernel
 def solve_assumed(m: Arrays, w: Workspace, slip: Integers, direction: Integers, corner: IntegerTable) -> bool:
-    """Row forces into w.force if guides begin to slip in a `direction`, with the static coefficient where their slip is
-    0.
+    """Row forces into w.force for guides that begin to slip in a `direction`, with mus where slip is 0.
 
     Returns whether every cell is regular.
     """
@@ -223,8 +224,10 @@ def most_capacity(m, w, f):
 
 @kernel
 def _branch(m, f, R, T, d, s1, s2):
-    """mus (s1 n1 + s2 n2) with the surface friction fully mobilized: the capacity where s1, s2 are the signs of n1, n2,
-    less elsewhere."""
+    """mus (s1 n1 + s2 n2) with the surface friction fully mobilized.
+
+    The capacity where s1, s2 are the signs of n1, n2, less elsewhere.
+    """
     guide = m.friction[f]
     if guide.length == 0.0:
         return guide.mus * s1 * R
@@ -256,8 +259,9 @@ def choose_branches(m, w, slip, corner, least):
 
 @kernel
 def event_functions(m, w, slip, corner):
-    """Fill w.event from w.force and w.slip_speed: three functions per frictional guide, smooth in the motion while the
-    mode lasts.
+    """Fill w.event from w.force and w.slip_speed.
+
+    Three functions per frictional guide, smooth in the motion while the mode lasts.
 
     Slip: d g_T' (the slider comes to rest where it falls below zero), s1 n1, s2 n2 (a corner changes its surface).
     Stick: a branch of the capacity minus the friction needed, against slip along + and along -, and 1. The capacity is
@@ -287,7 +291,7 @@ def event_functions(m, w, slip, corner):
 
 @kernel
 def margin(m, w, slip, f):
-    """By how much a guide obeys Coulomb's law: m/s against its direction, and N; negative where it does not.
+    """Margin by which a guide obeys Coulomb's law: m/s against its direction, and N; negative where it does not.
 
     Written in absolute values, so that no assumption about corners or branches enters. Slip: d g_T', and minus the
     difference of |f| and mu (|n1| + |n2|). Stick: no speed, and the capacity minus the friction needed, in the worse

@@ -1,4 +1,4 @@
-"""How contact forces and the next contact mode are found: an exchangeable solver, compiled.
+"""Contact forces and the next contact mode: an exchangeable solver, compiled.
 
 ``lemke``: the HLCP by Lemke's method, and nothing else (`hlcp`). ``enumeration``: by trying all modes (`enumeration`).
 ``trial``: by trial and error on signs (`trial_and_error`). ``automatic``: Lemke's method, and where it finds no
@@ -25,7 +25,8 @@ from stiction.reference_impl.multibody.mechanism import Arrays
 
 
 @kernel(allocates=True)
-def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable, accelerate: Reals) -> tuple[int, float]:
+def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable,
+                  accelerate: Reals) -> tuple[int, float]:
     """Row forces into w.force for the rows in the workspace; the static coefficient holds for every guide at rest.
 
     Parameters

@@ -1,5 +1,6 @@
-"""Coulomb's law on a slider in its guide: corner forces, bound of the friction, direction, stick; written once, for
-kernels and NumPy.
+"""Coulomb's law on a slider in its guide: corner forces, bound of the friction, direction, stick.
+
+Written once, for kernels and NumPy.
 
 The slider has length a and width b, its guide the surfaces (+) and (-), at levers -+b/2. R is the force of the guide's
 normal row, T that of its angle row: the moment of normal forces and surface friction together. Both surfaces use the
@@ -41,8 +42,7 @@ def corner_forces(guide, R, T, kappa):
 
 @kernel
 def capacity(m, f, R, T, d):
-    """Return the largest static friction against a beginning slip in direction d, the surface friction of both surfaces
-    mobilized."""
+    """Return the largest static friction against a beginning slip in direction d, both surfaces mobilized."""
     guide = m.friction[f]
     return guide.mus * normal_load(guide, R, T, -guide.mus * d)
 

@@ -39,7 +39,8 @@ def modes(m, stuck):
 
 
 @kernel(allocates=True)
-def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Table, directions: IntegerTable, compliance: float = 0.0,
+def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Table, directions: IntegerTable,
+              compliance: float = 0.0,
               limit: int = LIMIT) -> int:
     """The consistent contact modes of the rows in the workspace; the static coefficient holds for every guide at rest.
 
@@ -106,8 +107,10 @@ def _decode(m, code, slip, stuck, direction, s1, s2):
 
 @kernel(allocates=True)
 def _largest_term(m: Arrays, w: Workspace, force: Reals) -> float:
-    """The largest sum of the sizes of the terms of an acceleration, of which rounding is a part; angles by the
-    mechanism's size."""
+    """The largest sum of the sizes of the terms of an acceleration, of which rounding is a part.
+
+    Angles by the mechanism's size.
+    """
     terms, largest = np.abs(w.free), 0.0
     for b in range(len(m.block)):
         i, r, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
@@ -120,7 +123,10 @@ def _largest_term(m: Arrays, w: Workspace, force: Reals) -> float:
 
 @kernel
 def _is_new(m, motion, known, rounding):
-    """Whether an acceleration is none of those known: two of which all that is left is rounding are both rest."""
+    """Return True for an acceleration that is none of those known.
+
+    Two of which all that is left is rounding are both rest.
+    """
     for i in range(len(known)):
         difference, size = 0.0, 0.0
         for k in range(len(motion)):
@@ -134,15 +140,17 @@ def _is_new(m, motion, known, rounding):
 
 @kernel
 def _coefficient(m, f, stuck):
-    """Of friction of a slip: the static one for a guide that was at rest."""
+    """Coefficient of a slip: the static one for a guide that was at rest."""
     return m.friction[f].mus if stuck[f] else m.friction[f].mu
 
 
 @kernel
 def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integers, s2: Integers, A: Table, force: Reals,
          compliance: float) -> None:
-    """System of a mode: constraint rows; per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip; see
-    `contact_modes`)."""
+    """System of a mode: constraint rows; per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip.
+
+    See `contact_modes`).
+    """
     nr = m.rows
     for r in range(nr + len(m.friction)):
         force[r] = w.right[r]

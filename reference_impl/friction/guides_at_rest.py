@@ -1,4 +1,4 @@
-"""Which guides rest together and which leave rest together, decided by rank, compiled.
+"""Guides that rest together and guides that leave rest together, decided by rank, compiled.
 
 A mechanism of one freedom with two frictional guides rests in both or in none. Their slip velocities pass zero
 together, but each is computed with its own rounding, so that no threshold on a speed can tell. The rows can. With J the
@@ -78,7 +78,7 @@ def rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals) 
 
 @kernel(allocates=True)
 def _rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals) -> bool:
-    """As `rest_together`, of one cell, with the workspace of the whole."""
+    """Variant of `rest_together` for one cell, with the workspace of the whole."""
     row, size = _unit_rows(m, w)
     rate, basis, count = np.zeros(len(row)), np.zeros(len(row), dtype=np.int64), 0
     for r in range(len(row)):
@@ -107,7 +107,8 @@ def _rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals)
 
 
 @kernel(allocates=True)
-def leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness: Reals, slip: Integers, stuck: Flags) -> None:
+def leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness: Reals, slip: Integers,
+                   stuck: Flags) -> None:
     """Let a guide at rest slip in a direction, and with it those at rest without which it cannot move.
 
     Where it could move with either of several others, those that are held less firmly leave.
@@ -125,7 +126,12 @@ def leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness
     for c in range(len(m.cell)):
         own_m = at(m.separate[c], m)
         guides = guides_of(m, own_m)
-        own, own_slip, own_stuck, own_firmness = -1, taken(slip, guides), np.zeros(len(guides), dtype=np.bool_), np.zeros(len(guides))
+        own, own_slip, own_stuck, own_firmness = (
+            -1,
+            taken(slip, guides),
+            np.zeros(len(guides), dtype=np.bool_),
+            np.zeros(len(guides)),
+        )
         for i in range(len(guides)):
             own = i if guides[i] == guide else own
             own_stuck[i], own_firmness[i] = stuck[guides[i]], firmness[guides[i]]
@@ -136,15 +142,17 @@ def leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness
 
 
 @kernel(allocates=True)
-def _leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness: Reals, slip: Integers, stuck: Flags) -> None:
-    """As `leave_together`, of one cell, with the workspace of the whole or its own."""
+def _leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness: Reals, slip: Integers,
+                    stuck: Flags) -> None:
+    """Variant of `leave_together` for one cell, with the workspace of the whole or its own."""
     slip[guide], stuck[guide] = direction, False
     row, _ = _unit_rows(m, w)
     rate, basis, count, t = np.zeros(len(row)), np.zeros(len(row), dtype=np.int64), 0, m.rows + guide
     for f in range(len(m.friction)):
         along = _product(row[t], row[m.rows + f])
         if stuck[f] and along * along >= 1.0 - RANK_TOLERANCE:
-            slip[f], stuck[f] = direction if along > 0.0 else -direction, False  # on one line, as where a drive moves both
+            # on one line, as where a drive moves both
+            slip[f], stuck[f] = direction if along > 0.0 else -direction, False
     for r in range(m.rows):
         if _left(row, rate, basis, count, r) > DEPENDENT:
             _admit(row, rate, basis, count, r)

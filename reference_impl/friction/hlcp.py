@@ -46,7 +46,8 @@ leaves of it. By so much the break-away of guides that share their load is late.
 
 
 @kernel(allocates=True)
-def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, compliance: float = 0.0) -> tuple[Table, Table, Reals, Table, Table]:
+def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags,
+             compliance: float = 0.0) -> tuple[Table, Table, Reals, Table, Table]:
     """A0, A1, b of eq. (36) for the rows in the workspace.
 
     Parameters
@@ -145,9 +146,9 @@ ACCURATE = 1e-9
 
 
 @kernel(allocates=True)
-def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LIMIT) -> tuple[Reals, Reals, Reals, int, float]:
-    """Solve the HLCP by Lemke's method, and where that finds no solution by trying all contact modes, if they are not
-    above `limit`.
+def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags,
+          limit: int = LIMIT) -> tuple[Reals, Reals, Reals, int, float]:
+    """Solve the HLCP by Lemke's method, else by trying all contact modes, if they are not above `limit`.
 
     The solver ``lemke`` tries none.
 
@@ -222,8 +223,10 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, limit: int = LI
 
 @kernel
 def _left(m, w, force):
-    """Acceleration (m/s^2) that row forces leave at most where points are held, which rounding makes large beside a
-    light body; no guide's is known better."""
+    """Largest acceleration that row forces leave where points are held, m/s^2; no guide's is known better.
+
+    Rounding makes it large next to a light body.
+    """
     largest = 0.0
     for c in range(len(m.constraint)):
         kind, first = m.constraint[c].kind, m.constraint[c].row
@@ -292,8 +295,9 @@ def _scale(A0: Table, A1: Table, b: Reals, row: Reals, unit_y: Reals, unit_x: Re
 
 @kernel(allocates=True)
 def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
-    """Take the compliance out of a solution, in place: the shortest one of A0 y = A1 x + b in the variables that are
-    not zero.
+    """Take the compliance out of a solution, in place.
+
+    The shortest one of A0 y = A1 x + b in the variables that are not zero.
 
     With compliance A0 is so badly conditioned that pivoting loses half of all digits. A variable that becomes zero on
     the way to the shortest solution stays zero (as in Lawson & Hanson's least squares with bounds).
@@ -304,7 +308,13 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
         The largest residual over the largest right-hand side: above CONTRADICTION there is no solution.
     """
     n = len(b)
-    value, shortest, in_y, chosen, count = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64), 0
+    value, shortest, in_y, chosen, count = (
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n, dtype=np.bool_),
+        np.zeros(n, dtype=np.int64),
+        0,
+    )
     for j in range(n):
         value[j], in_y[j] = max(y[j], x[j]), y[j] > x[j]
         if value[j] > 0.0:
@@ -349,8 +359,9 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
 
 
 @kernel(allocates=True)
-def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: Reals, unit_y: Reals, unit_x: Reals) -> None:
-    """Where all guides at rest stay there, the shortest row forces, in place, if they are within the capacities.
+def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: Reals, unit_y: Reals,
+           unit_x: Reals) -> None:
+    """Shortest row forces where all guides at rest stay there, in place, if they are within the capacities.
 
     Of the solutions of a hyperstatic stick they are the one that depends neither on the order of constraints nor on
     units. y, x in the units of `_units`.
@@ -361,7 +372,12 @@ def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: R
     for g in range(m.rows, m.rows + surfaces):
         if max(y[g], x[g + surfaces]) > REST_COMPLIANT * largest:
             return
-    mode, corner, accelerate, event = np.zeros(nf, dtype=np.int64), np.zeros((nf, 4), dtype=np.int64), np.zeros(nf), np.zeros(len(w.event))
+    mode, corner, accelerate, event = (
+        np.zeros(nf, dtype=np.int64),
+        np.zeros((nf, 4), dtype=np.int64),
+        np.zeros(nf),
+        np.zeros(len(w.event)),
+    )
     copy(w.event, event)
     for f in range(nf):
         mode[f] = 0 if stuck[f] else slip[f]
@@ -438,8 +454,9 @@ def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: I
 
 @kernel
 def correct_accelerations(m, w, force, accelerate):
-    """Make accelerations of a solution those that its forces give, in place: with compliance those of its basis differ
-    between guides on one line.
+    """Make accelerations of a solution those that its forces give, in place.
+
+    With compliance those of its basis differ between guides on one line.
 
     One along its friction is of a basis that compliance chose wrongly, by less than itself: that guide is at rest.
     """
@@ -476,8 +493,10 @@ def read(m, stuck, y, x, accelerate, corner):
 
 
 def residual(A0: np.ndarray, A1: np.ndarray, b: np.ndarray, y: np.ndarray, x: np.ndarray) -> float:
-    """Largest violation of A0 y = A1 x + b, relative to its largest term, and of y, x >= 0 and min(y, x) = 0, to the
-    largest variable."""
+    """Largest relative violation of A0 y = A1 x + b, y, x >= 0 and min(y, x) = 0.
+
+    The first is relative to its largest term, the others to the largest variable.
+    """
     terms = max(np.max(np.abs(A0) * np.abs(y)), np.max(np.abs(A1) * np.abs(x)), np.max(np.abs(b)), 1e-300)
     size = max(np.max(np.abs(y)), np.max(np.abs(x)), 1e-300)
     return float(max(np.max(np.abs(A0 @ y - A1 @ x - b)) / terms, np.max(np.abs(np.minimum(y, x))) / size))

@@ -1,4 +1,4 @@
-"""Which contact mode follows: the answer of a contact solver, made definite, compiled.
+"""The contact mode that follows: the answer of a contact solver, made definite, compiled.
 
 The contact problem is solved with the static coefficient for every guide at rest (the set H). A guide whose solution
 has an acceleration leaves H in that direction; with mus > mu its friction drops to the kinetic one, which may set
@@ -25,7 +25,8 @@ from stiction.reference_impl.multibody.mechanism import Arrays
 
 
 @kernel(allocates=True)
-def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integers, corner: IntegerTable, rest_speed: Reals) -> int:
+def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integers, corner: IntegerTable,
+                rest_speed: Reals) -> int:
     """Decide stick or slip and the corners' signs at (t, q, v), in place.
 
     Parameters
@@ -58,7 +59,7 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
 
 @kernel(allocates=True)
 def _settle_cells(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable) -> int:
-    """As `_settle`, of several cells, one after the other."""
+    """Variant of `_settle` for several cells, one after the other."""
     for c in range(len(m.cell)):
         fill_cell_of(m, w, c)
         own_m, own_w = at(m.separate[c], m), at(w.separate[c], w)
@@ -112,8 +113,7 @@ MOST_AT_REST = 4
 
 @kernel(allocates=True)
 def other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int:
-    """Count the contact modes, other than the chosen one, that obey the law of two coefficients in an instant at which
-    not all can rest.
+    """Count the other contact modes that obey the law of two coefficients where not all guides can rest.
 
     Each guide that was at rest may stay, with the static coefficient, or leave in either direction, with the kinetic
     one, if it then accelerates that way. Where several guides are at rest, each of two may be the one whose departure
@@ -149,7 +149,7 @@ def other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int:
 
 @kernel(allocates=True)
 def _other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int:
-    """As `other_modes`, of one cell."""
+    """Variant of `other_modes` for one cell."""
     nf, count, leaving, two, modes, found = len(m.friction), 0, False, False, 1, 0
     for f in range(nf):
         if resting[f]:
@@ -157,7 +157,12 @@ def _other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int
             two = two or m.friction[f].mus > m.friction[f].mu
     if not (leaving and two and 2 <= count <= MOST_AT_REST):
         return 0
-    other, stuck, corner, accelerate = slip.copy(), np.zeros(nf, dtype=np.bool_), np.ones((nf, 2), dtype=np.int64), np.zeros(nf)
+    other, stuck, corner, accelerate = (
+        slip.copy(),
+        np.zeros(nf, dtype=np.bool_),
+        np.ones((nf, 2), dtype=np.int64),
+        np.zeros(nf),
+    )
     for mode in range(modes):
         rest_of_mode, moves, is_chosen = mode, False, True
         for f in range(nf):

@@ -1,4 +1,4 @@
-"""How a solver of the contact problem, or an integration, may end."""
+"""Outcomes of a solver of the contact problem and of an integration."""
 
 from __future__ import annotations
 
@@ -8,19 +8,27 @@ from __future__ import annotations
 DONE = SOLVED
 
 BREAKDOWNS = {
-    RAY: ("ray", "Lemke's method ended on a ray, and the contact modes were not tried: there are too many, or the solver is 'lemke' alone"),
-    PIVOT_LIMIT: ("pivot limit", "Lemke's method reached its pivot limit, and the contact modes were not tried: there are too many, or the solver is 'lemke' alone"),
-    NONE: ("no solution", "no solution of the HLCP was found, neither by Lemke's method nor in any contact mode; of redundant constraints one sharing of "
+    RAY: ("ray", "Lemke's method ended on a ray, and the contact modes were not tried: there are too many, or the "
+                 "solver is 'lemke' alone"),
+    PIVOT_LIMIT: ("pivot limit",
+                  "Lemke's method reached its pivot limit, and the contact modes were not tried: there are too many, "
+                  "or the solver is 'lemke' alone"),
+    NONE: ("no solution",
+           "no solution of the HLCP was found, neither by Lemke's method nor in any contact mode; of redundant "
+           "constraints one sharing of "
            "their forces was tried"),
     SEVERAL: ("several solutions", "the HLCP has several solutions, whose accelerations differ"),
     JAM: ("several solutions", "the guide, with mus * width > length, may slip from here, or jam under the same load"),
     AUDIT: ("audit", "Coulomb's law is violated within a step: an event was missed"),
-    SINGULAR: ("singular", "the linear system of the contact problem is singular, or its constraints contradict each other"),
+    SINGULAR: ("singular",
+               "the linear system of the contact problem is singular, or its constraints contradict each other"),
     SIGN_CYCLE: ("sign cycle", "trial and error on the signs of the normal forces cycles"),
     MODE_LIMIT: ("mode limit", "there are too many contact modes to try them all"),
     CHATTER: ("chatter", "contact modes follow each other without time passing"),
     STEP_TOO_SMALL: ("step too small", "the step fell below what the time can resolve: the forces are not smooth here"),
-    NOT_FINITE: ("not finite", "no finite forces or state: constraints that contradict each other, as in a singular position left or met on "
+    NOT_FINITE: ("not finite",
+                 "no finite forces or state: constraints that contradict each other, as in a singular position left or "
+                 "met on "
                  "another branch of motion, a distance that is driven to zero, or an unstable step"),
     STEP_LIMIT: ("step limit", "step limit reached"),
     CRAWL: ("crawl", "the steps hardly move time: the forces are not smooth here, as near a singular position"),

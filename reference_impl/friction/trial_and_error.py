@@ -50,7 +50,8 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corne
     nr, nf = m.rows, len(m.friction)
     size = 0 if len(m.cell) else nr + nf
     A, signs = np.zeros((size, size)), np.zeros((nf, 2), dtype=np.int64)
-    s1, s2, kept1, kept2, kept = (np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64),
+    s1, s2, kept1, kept2, kept = (np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64),
+                                  np.zeros(nf, dtype=np.int64),
                                   np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64))
     for f in range(nf):
         s1[f], s2[f], direction[f] = corner[f, 0], corner[f, 1], 0 if stuck[f] else slip[f]

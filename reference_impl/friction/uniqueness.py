@@ -32,8 +32,7 @@ integration does not know whether its solution is the only one."""
 
 @kernel
 def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tuple[float, int]:
-    """The largest gain of the rows in the workspace (`dynamics.row_form`), and the guide that has it (-1 if none
-    slips).
+    """Largest gain of the rows in the workspace (`dynamics.row_form`), and its guide (-1 if none slips).
 
     Parameters
     ----------
@@ -50,7 +49,8 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
         if slip[f] == 0 and not released:
             continue
         guide = m.friction[f]
-        normal, moment = (m.position[guide.row], m.position[guide.row + 1]) if len(m.cell) else (guide.row, guide.row + 1)
+        normal, moment = (m.position[guide.row],
+                          m.position[guide.row + 1]) if len(m.cell) else (guide.row, guide.row + 1)
         mu = guide.mu if slip[f] != 0 else guide.mus
         gain, column = 0.0, 0
         for j in range(len(m.friction)):
@@ -69,8 +69,10 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
 
 @kernel
 def _respond(m, w, slip, released, compliance):
-    """Change of the forces of the constraint rows per unit of friction on each guide that slips, into w.response;
-    whether regular."""
+    """Change of the forces of the constraint rows per unit of friction on each guide that slips, into w.response.
+
+    Whether regular.
+    """
     nr, nf, G = m.rows, len(m.friction), w.G
     if len(m.cell):
         return _respond_banded(m, w, slip, released, compliance)
@@ -106,7 +108,7 @@ def _respond(m, w, slip, released, compliance):
 
 @kernel
 def _respond_banded(m: Arrays, w: Workspace, slip: Integers, released: bool, compliance: float) -> bool:
-    """As `_respond`, of a large mechanism of one cell, rows in its order."""
+    """Variant of `_respond` for a large mechanism of one cell, rows in its order."""
     size, band, columns = m.rows + len(m.friction), m.cell[0].band, 0
     fill_cell(m, w, 0, band, w.A)
     for r in range(m.rows):
@@ -125,8 +127,10 @@ def _respond_banded(m: Arrays, w: Workspace, slip: Integers, released: bool, com
 
 @kernel
 def gain_of_mode(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
-    """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide; 0 and
-    -1 without friction."""
+    """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide.
+
+    0 and -1 without friction.
+    """
     if len(m.friction) == 0:
         return 0.0, -1
     return _gain_of_cell(m, w, slip) if len(m.cell) < 2 else _gain_of_cells(m, w, slip)
@@ -158,7 +162,7 @@ def _gain_of_cell(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
 
 @kernel
 def has_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
-    """Whether more than one motion is known to follow from the rows in the workspace; `slip` 0: at rest."""
+    """Return True where more than one motion is known to follow from the rows in the workspace; `slip` 0: at rest."""
     return _cell_has_several(m, w, slip) if len(m.cell) < 2 else _cells_have_several(m, w, slip)
 
 
@@ -186,7 +190,9 @@ def _cell_has_several(m: Arrays, w: Workspace, slip: Integers) -> bool:
 
 
 def number_of_solutions(mechanism: Mechanism, w, slip: np.ndarray, limit: int = LIMIT) -> int:
-    """How many motions can follow from the rows in a workspace: the product over the cells that can have more than one.
+    """Number of motions that can follow from the rows in a workspace.
+
+    The product over the cells that can have more than one.
 
     Raises
     ------
@@ -212,7 +218,8 @@ def _every_solution(mechanism: Mechanism, m, w, slip: np.ndarray, limit: int) ->
         forces, directions = np.zeros((room, len(w.force))), np.zeros((room, len(slip)), dtype=np.int64)
         found = solutions(m, w, slip, slip == 0, forces, directions, 0.0, limit)
         if found == TOO_MANY:
-            raise ValueError(f"{mechanism.scene.name}: {len(slip)} frictional guides have more than {limit} contact modes; "
+            raise ValueError(f"{mechanism.scene.name}: {len(slip)} frictional guides have more than {limit} contact "
+                             "modes; "
                              "expected a smaller mechanism")
         if found < room:
             return forces[:found], directions[:found]

@@ -28,8 +28,10 @@ REGULAR = 0.0
 
 @kernel(allocates=True)
 def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, motion: Reals) -> bool:
-    """Row forces of the mode into w.force and q'' into `motion`, as `solve_mode` and `acceleration`; False if there is
-    none."""
+    """Row forces of the mode into w.force and q'' into `motion`, as `solve_mode` and `acceleration`.
+
+    False if there is none.
+    """
     n, nr, nf = len(m.inverse_mass), m.rows, len(m.friction)
     column, size = np.zeros(nf, dtype=np.int64), n + nr
     for f in range(nf):

@@ -99,7 +99,7 @@ enough to make no difference, and near a singular position rounding of one body 
 """
 
 class Task(Bundle):
-    """What is asked of an integration.
+    """Request to an integration.
 
     Attributes
     ----------
@@ -177,8 +177,10 @@ def _refresh(m: Arrays, w: Workspace, s: State) -> None:
 
 @kernel
 def _propose(s: State, task: Task) -> bool:
-    """Length of the next step: not past the end or a kink, and to where an event is expected; False if time cannot
-    resolve it."""
+    """Length of the next step: not past the end or a kink, and to where an event is expected.
+
+    False if time cannot resolve it.
+    """
     p, step, kinks = s.progress, s.attempt, task.kinks
     t = p.time
     while p.next_kink < len(kinks) and kinks[p.next_kink] <= t:
@@ -200,8 +202,7 @@ def _propose(s: State, task: Task) -> bool:
 
 @kernel
 def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
-    """Make the step; DONE if its error is within the tolerance, else REPEAT with a shorter one, or why there is
-    none."""
+    """Make the step: DONE within the tolerance, else REPEAT with a shorter one, or why there is none."""
     p, step = s.progress, s.attempt
     h = step.h
     take_step(m, w, s, p.time, h)
@@ -395,8 +396,10 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
 
 @kernel
 def _switch_mode(m: Arrays, w: Workspace, s: State, task: Task, log: EventLog) -> int:
-    """Choose the contact mode behind the event at the state, and log what has changed; DONE, or why the run ends or is
-    left."""
+    """Choose the contact mode behind the event at the state, and log what has changed.
+
+    DONE, or why the run ends or is left.
+    """
     p, event = s.progress, s.attempt.event
     guide = event // 3
     p.idle += 1
@@ -438,8 +441,9 @@ def _switch_mode(m: Arrays, w: Workspace, s: State, task: Task, log: EventLog) -
 
 @kernel
 def _examine_event(m, w, s, event):
-    """Look at the event at the state: the mode switches or goes on there, the guide's event function, and decided
-    behind it or not.
+    """Look at the event at the state.
+
+    The mode switches or goes on there, the guide's event function, and decided behind it or not.
 
     It is decided just behind where the guide is unloaded. A guide at rest goes on if it holds there, or on another
     branch of its capacity.
@@ -470,8 +474,7 @@ def _examine_event(m, w, s, event):
 
 @kernel
 def _change_slip(m, w, s, task, guide, function, behind):
-    """Choose the mode behind an event at which the guide breaks away, or comes to rest, or a corner has changed too
-    often; the outcome."""
+    """Choose the mode after a break-away, a rest, or a corner that changed too often; return the outcome."""
     t, y, slip, n = s.progress.time, s.y, s.slip, len(m.inverse_mass)
     for f in range(len(m.friction)):
         # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
@@ -551,8 +554,7 @@ def _count_other_modes(m: Arrays, w: Workspace, s: State) -> int:
 
 @kernel
 def _change_surfaces(m, w, s, event):
-    """Change the sign of the corner whose event it is, and of all that fell to zero with it, as those of guides that
-    share a load."""
+    """Change the sign of the corner whose event it is, and of all that fell to zero with it."""
     for f in range(len(m.friction)):
         if s.slip[f] == 0:
             continue
@@ -575,8 +577,7 @@ def _kind_of_change(s, f):
 
 @kernel
 def begin_mode(m: Arrays, w: Workspace, s: State) -> None:
-    """y' into K[0] and the event functions into w.event at the start of a mode, with the branches of capacity that are
-    the largest there.
+    """y' into K[0] and the event functions into w.event at the start of a mode, on the largest branches of capacity.
 
     Of a guide at rest that is unloaded they are those that are the largest just behind.
     """
@@ -630,8 +631,10 @@ def _begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
 
 @kernel
 def _look_behind(m, w, s):
-    """Row forces and event functions BEHIND a step after the state, with the branches that are the largest there; y' of
-    the state is in K[0]."""
+    """Row forces and event functions BEHIND a step after the state, with the branches that are the largest there.
+
+    Y' of the state is in K[0].
+    """
     h = BEHIND * s.attempt.h
     for k in range(len(s.y)):
         s.probe[k] = s.y[k] + h * s.K[0, k]
@@ -652,8 +655,10 @@ def _choose_behind(m, w, s):
 
 @kernel
 def _foresee_speeds(m, w, s):
-    """Where all has been at rest, what has moved by the state in `probe`: by speeds that are rounding no other could be
-    told from that."""
+    """Take the scale of speeds from the state in `probe` where all has been at rest.
+
+    Otherwise the scale would be rounding.
+    """
     n, p, h, free = len(m.inverse_mass), s.progress, BEHIND * s.attempt.h, 0.0
     for i in range(n):
         free = max(free, abs(w.free[i]) * (m.length_scale if i % 3 == 2 else 1.0))
@@ -666,8 +671,10 @@ def _foresee_speeds(m, w, s):
 
 @kernel
 def _way_out(m, w, s, guide):
-    """Event function by which a guide at rest that is unloaded breaks away: the lower just behind, -1 if it holds
-    there."""
+    """Event function by which a guide at rest that is unloaded breaks away.
+
+    The lower just behind, -1 if it holds there.
+    """
     right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
     _look_behind(m, w, s)
     e = 3 * guide
@@ -677,8 +684,10 @@ def _way_out(m, w, s, guide):
 
 @kernel
 def _remember(m, w, s):
-    """Keep the largest speed and force so far, by which rounding is judged; forces in the unit of a guide's normal
-    row."""
+    """Keep the largest speed and force so far, by which rounding is judged.
+
+    Forces in the unit of a guide's normal row.
+    """
     n, y, p = len(m.inverse_mass), s.y, s.progress
     for i in range(n // 3):
         p.speed = max(p.speed, abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
@@ -690,7 +699,7 @@ def _remember(m, w, s):
 
 @kernel
 def _is_held(m: Arrays, w: Workspace, s: State, t: float, x: float, speed: float, force: float) -> bool:
-    """Whether Coulomb's law holds, up to a speed (m/s) and a force (N), at the fraction x of the step that began at t.
+    """Return True where Coulomb's law holds, up to a speed (m/s) and a force (N), at the fraction x of a step.
 
     The state there is that of the cubic through both ends. Only if it violates the law a step is made that ends there,
     into `probe`, and decides.
@@ -710,7 +719,7 @@ def _is_held(m: Arrays, w: Workspace, s: State, t: float, x: float, speed: float
 
 @kernel
 def _violates(m, w, slip, speed, force):
-    """Whether a guide is beyond Coulomb's law by more than a speed (m/s) or a force (N)."""
+    """Return True where a guide is beyond Coulomb's law by more than a speed (m/s) or a force (N)."""
     for f in range(len(m.friction)):
         of_speed, of_force = margin(m, w, slip, f)
         if not (of_speed >= -speed and of_force >= -force):
@@ -720,8 +729,7 @@ def _violates(m, w, slip, speed, force):
 
 @kernel
 def _first_several(m: Arrays, w: Workspace, s: State, fraction: float) -> tuple[bool, float, float]:
-    """Whether there are several motions somewhere in the first `fraction` of the step, from which fraction on, and one
-    from which on they can be counted."""
+    """Return whether the first `fraction` of the step has several motions, from where on, and where to count them."""
     low, below = 0.0, True
     for i in range(1, GAIN_SAMPLES + 1):
         high = fraction * i / GAIN_SAMPLES
@@ -747,8 +755,10 @@ def _first_several(m: Arrays, w: Workspace, s: State, fraction: float) -> tuple[
 
 @kernel
 def _onset(m: Arrays, w: Workspace, s: State, low: float, high: float, several: bool) -> float:
-    """By bisection between two fractions of the step: where several motions begin to be counted, or the gain reaches
-    1."""
+    """Bisect between two fractions of the step.
+
+    Where several motions begin to be counted, or the gain reaches 1.
+    """
     while (high - low) * s.attempt.h > 4e-16 * max(s.progress.time, s.attempt.h):
         middle = 0.5 * (low + high)
         _rows_at(m, w, s, middle)
@@ -792,7 +802,7 @@ def _project(m, w, s, has_rows):
 
 @dataclass(frozen=True)
 class Options:
-    """What may be asked of an integration besides its tolerance.
+    """Options of an integration besides its tolerance.
 
     Attributes
     ----------
@@ -822,8 +832,9 @@ class Options:
 
 
 class Integration:
-    """A motion of a mechanism from t = 0 with frozen contact modes and located events: begun when this is made, stepped
-    when its run is asked for.
+    """A motion of a mechanism from t = 0 with frozen contact modes and located events.
+
+    Begun when this is made, stepped when its run is asked for.
 
     Parameters
     ----------
@@ -886,7 +897,7 @@ class Integration:
 
     @cached_property
     def run(self) -> Run:
-        """What it yields, stepped.
+        """Result of the integration, stepped.
 
         `breakdown` says where and why it stopped early; the columns then end there. One that stops at the start has the
         state there, and accelerations and forces that are nan.
@@ -918,7 +929,7 @@ def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, ou
 
 def _march(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog,
            ends: list[float] | None) -> int:
-    """As `integrate`, noting where each accepted step ends if `ends` are wanted."""
+    """Variant of `integrate` that notes where each accepted step ends if `ends` are wanted."""
     if ends is None:
         return integrate(m, w, s, task, samples, log)
     while True:
@@ -930,8 +941,9 @@ def _march(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log:
 
 def _columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray],
                         options: Options, begun: float) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
-    """Columns of the samples, and the events with the same on both of their sides; arrays as of `Samples` and
-    `EventLog`.
+    """Columns of the samples, and the events with the same on both of their sides.
+
+    Arrays as of `Samples` and `EventLog`.
 
     begun : the least time (s) that SAME_INSTANT is taken of.
     """

@@ -1,4 +1,4 @@
-"""Where in a step an event function becomes zero, compiled.
+"""Event location: the place in a step at which an event function becomes zero, compiled.
 
 Three ways, from cheap to thorough. The event functions at the stages of a step tell where the next of them will be
 zero; the step after it is made to end there (`zero_near_end`). The same values tell, by a bound, that no other function
@@ -127,8 +127,9 @@ node behind a zero."""
 
 @kernel
 def zero_near_end(before: Reals, seen: Table, e: int) -> float:
-    """Distance from the end of the step to the next zero of event function e, or to one just passed, in steps; infinite
-    if none is in sight.
+    """Distance from the end of the step to the next zero of event function e, or to one just passed, in steps.
+
+    Infinite if none is in sight.
 
     before : event functions at the start of the step.  seen : those of its stages, in the order of times.
     """
@@ -154,7 +155,7 @@ def zero_near_end(before: Reals, seen: Table, e: int) -> float:
 
 @kernel
 def may_vanish(s, meant):
-    """Whether the bound of the module's docstring fails, for the whole step, for an event function.
+    """Return True where the bound of the module's docstring fails, for the whole step, for an event function.
 
     meant : one that has its zero about the end of the step, and must only not have one before; -1 if there is none.
     """
@@ -166,15 +167,18 @@ def may_vanish(s, meant):
 
 @kernel
 def falls_to_end(s, e):
-    """Whether event function e is lowest at the end of the step, so that it has no zero before one near there."""
+    """Return True where event function e is lowest at the end of the step: no zero before one near there."""
     return _stays_positive(s.at_start, s.seen, e, True, noise(s, e))
 
 
 @kernel
 def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: float) -> bool:
-    """Whether event function e has no zero within the step; one that rises from its start is not asked there, one that
-    `falls` not at the end."""
-    v0, v1, v2, v3, v4 = before[e], seen[AIMS[1] - 1, e], seen[AIMS[2] - 1, e], seen[AIMS[3] - 1, e], seen[AIMS[4] - 1, e]
+    """Return True where event function e has no zero within the step.
+
+    One that rises from its start is not asked there, one that `falls` not at the end.
+    """
+    v0, v1, v2, v3, v4 = before[e], seen[AIMS[1] - 1, e], seen[AIMS[2] - 1,
+                                                               e], seen[AIMS[3] - 1, e], seen[AIMS[4] - 1, e]
     largest = max(abs(v0), abs(v1), abs(v2), abs(v3), abs(v4))
     wrong = 0.0
     for k in range(len(CHECKS)):
@@ -205,7 +209,7 @@ def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: f
 
 @kernel
 def _alone(w, s, own):
-    """Whether no other event function than its own is negative."""
+    """Return True where no other event function than its own is negative."""
     for e in range(len(w.event)):
         if e != own and w.event[e] < -noise(s, e):
             return False
@@ -245,7 +249,8 @@ def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
                 resolved = False
                 break
             if behind != FREE:
-                root, slope = _root(m, w, s, e, low + width * _X[behind - 1], low + width * _X[behind], value[behind - 1, e], value[behind, e])
+                root, slope = _root(m, w, s, e, low + width * _X[behind - 1], low + width * _X[behind],
+                                    value[behind - 1, e], value[behind, e])
                 if root < best:
                     best, which, steepness = root, e, slope
         if not resolved:
@@ -300,8 +305,7 @@ def _examine(value, e, rounding, starts, finest, bernstein):
 
 @kernel
 def _is_above(b, starts, tail, rounding):
-    """Whether a function whose polynomial has the Bernstein coefficients b, but for an error `tail`, is positive, or
-    above where it `starts`."""
+    """Return True where a polynomial of Bernstein coefficients b, of error `tail`, is positive or above its start."""
     if starts:
         lowest = np.inf
         for k in range(1, NODES + 1):
@@ -316,8 +320,7 @@ def _is_above(b, starts, tail, rounding):
 
 @kernel
 def _split(b, x, left):
-    """Bernstein coefficients of the part of a polynomial up to x into `left`, of the part behind it in place (de
-    Casteljau)."""
+    """Split Bernstein coefficients at x: the part before into `left`, that behind in place (de Casteljau)."""
     left[0] = b[0]
     for k in range(1, NODES + 1):
         for i in range(NODES + 1 - k):
@@ -326,9 +329,12 @@ def _split(b, x, left):
 
 
 @kernel
-def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at_low: float, at_high: float) -> tuple[float, float]:
-    """Zero of event function e between two fractions of the step, and its slope: inverse interpolation with
-    bisection."""
+def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at_low: float,
+          at_high: float) -> tuple[float, float]:
+    """Zero of event function e between two fractions of the step, and its slope.
+
+    Inverse interpolation with bisection.
+    """
     slope = (at_high - at_low) / (high - low)
     if at_low <= 0.0:
         # an event function is zero, give or take rounding, where its own event began the step: if it rises before it
@@ -350,7 +356,8 @@ def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at
             return high, -np.inf if jumps else slope
         x = high - at_high * (high - low) / (at_high - at_low)
         if at_left < at_high or at_left > at_low:
-            x += at_low * at_high * ((left - low) / (at_left - at_low) - (high - low) / (at_high - at_low)) / (at_left - at_high)
+            x += at_low * at_high * ((left - low) / (at_left - at_low)
+                                     - (high - low) / (at_high - at_low)) / (at_left - at_high)
         if falling and low <= x <= high and abs(x - last) < SETTLED:
             return x, slope
         if i % 4 == 3 or not low < x < high:
@@ -371,7 +378,8 @@ def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at
 
 
 @kernel
-def go_to_event(m: Arrays, w: Workspace, s: State, h: float, correction: float, error: float, event: int, first: bool) -> tuple[float, bool]:
+def go_to_event(m: Arrays, w: Workspace, s: State, h: float, correction: float, error: float, event: int,
+                first: bool) -> tuple[float, bool]:
     """From the end of a step h to the zero of an event function, by the secant method.
 
     correction : how much longer the step must be; `error`: the part of itself by which that is wrong.  first : there is

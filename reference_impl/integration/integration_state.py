@@ -21,8 +21,10 @@ NOISE = 1e-13
 """Event functions above minus this, relative to the largest speed or force so far, count as not negative: an event
 function starts at zero after its own event and must not fire on rounding. It does not enter the location of events."""
 
-PROGRESS = np.dtype([("time", float), ("step", float), ("speed", float), ("force", float), ("gain", float), ("checked", float),
-                     ("aim", float), ("aimed", np.int64), ("missed", np.int64), ("next_output", np.int64), ("next_kink", np.int64),
+PROGRESS = np.dtype([("time", float), ("step", float), ("speed", float), ("force", float), ("gain", float),
+                     ("checked", float),
+                     ("aim", float), ("aimed", np.int64), ("missed", np.int64), ("next_output", np.int64),
+                     ("next_kink", np.int64),
                      ("idle", np.int64), ("logged", np.int64), ("fresh", np.int64)])
 """What the integration carries from step to step.
 
@@ -33,9 +35,12 @@ that the present step was shortened for an event.  next_output, next_kink : plac
 at which a law is not smooth.  idle : events that no time passed between.  logged : events in the log.  fresh : 1 where
 the state has changed since y' and the event functions were evaluated.
 """
-ATTEMPT = np.dtype([("h", float), ("stop", float), ("resolution", float), ("error", float), ("proposal", float), ("length", float),
-                    ("fraction", float), ("gain", float), ("counted", float), ("event", np.int64), ("reaches_stop", np.int64), ("aims", np.int64),
-                    ("at_once", np.int64), ("has_rows", np.int64), ("shorter", np.int64), ("critical", np.int64), ("lost", np.int64)])
+ATTEMPT = np.dtype([("h", float), ("stop", float), ("resolution", float), ("error", float), ("proposal", float),
+                    ("length", float),
+                    ("fraction", float), ("gain", float), ("counted", float), ("event", np.int64),
+                    ("reaches_stop", np.int64), ("aims", np.int64),
+                    ("at_once", np.int64), ("has_rows", np.int64), ("shorter", np.int64), ("critical", np.int64),
+                    ("lost", np.int64)])
 """What is known of the step that is being made.
 
 h : its length as attempted (s).  stop : time that it must not pass.  resolution : seconds that time can resolve there.
@@ -93,9 +98,12 @@ class State(Bundle):
 def state(q: np.ndarray, v: np.ndarray, frictional: int) -> State:
     """At time 0, before a contact mode has been chosen."""
     n, events = 2 * len(q), 3 * frictional
-    s = State.zeros(y=n, y_old=n, y_new=n, probe=n, dy=n, scale=n, slip=frictional, corner=(frictional, 4), old_slip=frictional,
-                    old_corner=(frictional, 4), began=frictional, rest_speed=frictional, K=(STAGES + 1 + EXTRA, n), F=(7, n),
-                    audit_K=(STAGES + 1, n), at_start=events, seen=(STAGES, events), audit_seen=(STAGES, events), sampled=(NODES + 1, events),
+    s = State.zeros(y=n, y_old=n, y_new=n, probe=n, dy=n, scale=n, slip=frictional, corner=(frictional, 4),
+                    old_slip=frictional,
+                    old_corner=(frictional, 4), began=frictional, rest_speed=frictional, K=(STAGES + 1 + EXTRA, n),
+                    F=(7, n),
+                    audit_K=(STAGES + 1, n), at_start=events, seen=(STAGES, events), audit_seen=(STAGES, events),
+                    sampled=(NODES + 1, events),
                     bernstein=(2, NODES + 1), progress=(), attempt=())
     s.y[:len(q)], s.y[len(q):], s.corner[:], s.old_corner[:], s.began[:] = q, v, 1, 1, -np.inf
     return s
@@ -121,7 +129,8 @@ def take_audit_step(m, w, s, t, h):
 
 
 @kernel
-def _stages(m: Arrays, w: Workspace, s: State, t: float, h: float, y: Reals, K: Table, y_new: Reals, stage: Reals, seen: Table) -> None:
+def _stages(m: Arrays, w: Workspace, s: State, t: float, h: float, y: Reals, K: Table, y_new: Reals, stage: Reals,
+            seen: Table) -> None:
     for i in range(1, STAGES + 1):
         combine(K, A[i], i, h, y, stage)
         right_hand_side(m, w, t + C[i] * h, stage, s.slip, s.corner, K[i])

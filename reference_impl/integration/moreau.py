@@ -42,7 +42,8 @@ from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost
 
 CONTACT = np.dtype([*((name, np.int64) for name in ("guide", "corner", "a", "b")),
-                    *((name, float) for name in ("ax", "ay", "bx", "by", "ux", "uy", "side", "along", "across", "offset", "mu"))])
+                    *((name, float)
+                      for name in ("ax", "ay", "bx", "by", "ux", "uy", "side", "along", "across", "offset", "mu"))])
 GUIDE = np.dtype([("row", np.int64), ("friction", np.int64), ("corners", np.int64)])
 AT_REST = 1e-10
 """Slip speed of a loaded contact, relative to the largest speed, that counts as none: Lemke's zeros are rounding."""
@@ -128,7 +129,8 @@ def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
         for corner, (along, side) in enumerate(places):
             across = -side * half_b
             contacts.append((len(guides), corner, c["a"], c["b"], c["ax"] + along * ux - across * uy,
-                             c["ay"] + along * uy + across * ux, c["bx"], c["by"], c["ux"], c["uy"], side, along, across,
+                             c["ay"] + along * uy + across * ux, c["bx"], c["by"], c["ux"], c["uy"], side, along,
+                             across,
                              half_b + clearance, joint.mu or 0.0))
         guides.append((c["row"], c["friction"], len(places)))
     kept = [row for row in range(m.rows) if row not in released]
@@ -169,8 +171,7 @@ def _active_rows(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals
 
 @kernel(allocates=True)
 def _bilateral(m: Arrays, w: Workspace, contacts: Contacts, W: Table, dt: float) -> tuple[Table, Table]:
-    """Of the bilateral rows: J (rows, 3 * bodies), what they must take up, and its answer to that and to contact
-    impulses.
+    """J (rows, 3 * bodies) of the bilateral rows, their right side, and the answer to it and to contact impulses.
 
     The last: X (rows, 1 + contacts), with impulses P = X[:, 0] - X[:, 1:] P_c; without rows if they cannot be solved
     for.
@@ -255,8 +256,10 @@ def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int
 
 @kernel(allocates=True)
 def _step(m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, t: float) -> int:
-    """One step from (t, q, v): q becomes q+, v+ goes to v_new, impulses over dt to force and corner; returns the
-    outcome."""
+    """One step from (t, q, v): q becomes q+, v+ goes to v_new, impulses over dt to force and corner.
+
+    Returns the outcome.
+    """
     dt, q, v, v_new = task.dt, s.q, s.v, s.v_new
     for k in range(len(q)):
         q[k] += 0.5 * dt * v[k]
@@ -303,7 +306,7 @@ def _step(m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, t: 
 
 @kernel
 def _answer(X, r, P):
-    """What a bilateral row answers to the contact impulses P."""
+    """Answer of a bilateral row to the contact impulses P."""
     total = 0.0
     for i in range(len(P)):
         total += X[r, 1 + i] * P[i]

@@ -36,8 +36,10 @@ MOST_EVENTS = 100_000
 
 
 class Steps(Bundle):
-    """Steps of one length dt (s); every `every`-th instant is kept; `projecting` 1: states are projected after each
-    step."""
+    """Steps of one length dt (s); every `every`-th instant is kept.
+
+    `projecting` 1: states are projected after each step.
+    """
 
     dt: float
     steps: int
@@ -165,8 +167,10 @@ def march(m: Arrays, w: Workspace, beside: Workspace, s: State, task: Steps, sam
 
 @kernel
 def _log_changes(s, log, t, events, began):
-    """Take over the mode that was chosen, and log the guides whose mode it changes; returns the number of events so
-    far."""
+    """Take over the mode that was chosen, and log the guides whose mode it changes.
+
+    Returns the number of events so far.
+    """
     for f in range(len(s.slip)):
         s.stuck[f], s.rested[f] = s.slip[f] == 0, s.old_slip[f] == 0
         if began and s.slip[f] != s.old_slip[f] and events < len(log.t):

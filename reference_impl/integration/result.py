@@ -44,7 +44,7 @@ class EventLog(Bundle):
 
 @dataclass(frozen=True)
 class Run:
-    """What an integration yields: columns at the output times, events, counters, and how it ended."""
+    """Result of an integration: columns at the output times, events, counters, and how it ended."""
 
     t: np.ndarray
     columns: dict[str, np.ndarray]
@@ -59,8 +59,9 @@ class Run:
 
 def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarray, corner: np.ndarray,
                  scales: tuple[float, float] = (1.0, 1.0)) -> Breakdown | None:
-    """The typed end of a run, from what its kernel left behind at the instant where it failed; None at the end of its
-    time.
+    """The typed end of a run, from what its kernel left behind at the instant where it failed.
+
+    None at the end of its time.
 
     Parameters
     ----------

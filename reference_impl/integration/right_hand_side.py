@@ -25,7 +25,8 @@ rounding leaves of redundant rows is a thousandth of that."""
 
 
 @kernel
-def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals) -> None:
+def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable,
+                    dy: Reals) -> None:
     """y' of the frozen mode into dy, and the event functions into w.event."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])

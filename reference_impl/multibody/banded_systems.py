@@ -19,8 +19,10 @@ from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, solve_i
 
 @kernel
 def fill_cell(m, w, c, reach, A):
-    """G of a cell into the leading part of A, zero elsewhere within `reach` of the diagonal; returns the number of
-    rows."""
+    """G of a cell into the leading part of A, zero elsewhere within `reach` of the diagonal.
+
+    Returns the number of rows.
+    """
     n = m.cell[c].end - m.cell[c].first
     for i in range(n):
         for j in range(max(0, i - reach), min(n, i + reach + 1)):
@@ -44,8 +46,10 @@ def friction_row(m, w, A, f, n, reach, c_R, c_T):
 
 @kernel
 def solve_bilateral(m, w, c, residual):
-    """Forces of the constraint rows of a cell that change Phi'' by `residual`, without friction, into w.force; whether
-    regular."""
+    """Forces of the constraint rows of a cell that change Phi'' by `residual`, without friction, into w.force.
+
+    Whether regular.
+    """
     band, first = m.cell[c].band, m.cell[c].first
     n = fill_cell(m, w, c, band, w.A)
     for k in range(n):

@@ -95,12 +95,17 @@ def row_form(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals) -> None:
     for b in range(len(m.block)):
         i, row, k = m.block[b, 0], m.block[b, 1], m.block[b, 2]
         x, y, z = J[i], J[i + ONE], J[i + TWO]
-        JM[i], JM[i + ONE], JM[i + TWO] = x * m.inverse_mass[k], y * m.inverse_mass[k + ONE], z * m.inverse_mass[k + TWO]
+        JM[i], JM[i + ONE], JM[i + TWO] = (
+            x * m.inverse_mass[k],
+            y * m.inverse_mass[k + ONE],
+            z * m.inverse_mass[k + TWO],
+        )
         w.right[row] -= x * w.free[k] + y * w.free[k + ONE] + z * w.free[k + TWO]
     row, column, value = np.uint64(0), np.uint64(0), 0.0
     for p in range(len(m.pair)):
         i, j, r, c = m.pair[p, 0], m.pair[p, 1], m.pair[p, 2], m.pair[p, 3]
-        value = (value if r == row and c == column else 0.0) + (JM[i] * J[j] + JM[i + ONE] * J[j + ONE] + JM[i + TWO] * J[j + TWO])
+        value = (value if r == row and c == column else 0.0) + (JM[i] * J[j] + JM[i + ONE] * J[j + ONE]
+                                                                + JM[i + TWO] * J[j + TWO])
         G[r, c], G[c, r], row, column = value, value, r, c
 
 

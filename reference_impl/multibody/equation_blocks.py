@@ -1,4 +1,4 @@
-"""What a scene's declarations become in the reference implementation: blocks, their sizes, and what was left out.
+"""Equation blocks of a scene in the reference implementation: blocks, their sizes, and what was left out.
 
 Sizes are counted from the declarations; only the rank of the constraints is numerical.
 """
@@ -76,7 +76,8 @@ def blocks(scene: Scene) -> list[Block]:
         Block("corner forces", cornered, "F+ >= 0, F- >= 0, F+ F- = 0 (1)-(2)", f"pairs: {2 * len(cornered)}",
               "a guide has its resultant normal force and moment only"),
         Block("friction", tuple(frictional), "slip: lambda_T = -mu FN sgn(gT'); stick: gT' = 0 (3)-(16)",
-              f"tangential rows: {len(frictional)}", "no complementarity problem: one linear solve gives all multipliers"),
+              f"tangential rows: {len(frictional)}",
+              "no complementarity problem: one linear solve gives all multipliers"),
         Block("surface levers", levers, "rows of W_T for both surfaces, +- b/2 apart", "",
               "friction does not turn a slider"),
         Block("static coefficient", static, "stick: |lambda_T| <= mus FN, mus > mu (14), (17)", "",
@@ -100,7 +101,8 @@ def constraint_rows(scene: Scene) -> int:
 
 def constraint_components(scene: Scene) -> list[tuple[str, ...]]:
     """The bodies in groups that neither joints nor drives connect (the ground connects nothing)."""
-    count, group = connected_bodies(scene, (element.bodies for element in (*scene.joints.values(), *scene.drives.values())))
+    count, group = connected_bodies(scene, (element.bodies
+                                            for element in (*scene.joints.values(), *scene.drives.values())))
     members: list[list[str]] = [[] for _ in range(count)]
     for name in scene.bodies:
         members[group[name]].append(name)

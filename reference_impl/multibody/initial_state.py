@@ -20,7 +20,7 @@ which a start counts as consistent: the accuracy to which scene files are writte
 
 
 def consistent_start(mechanism: Mechanism, assemble: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """As `consistent_starts`, of one mechanism."""
+    """Variant of `consistent_starts` for one mechanism."""
     return consistent_starts([mechanism], assemble)[0]
 
 
@@ -67,7 +67,9 @@ def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray
     for name, position, velocity in zip(mechanism.row_names, w.phi.tolist(), w.phi_dot.tolist()):
         for residual, floor, what in ((position, position_floor, "position"), (velocity, velocity_floor, "velocity")):
             if not abs(residual) <= floor:
-                advice = "the start could not be assembled" if assemble else "correct the start or assemble it (--assemble)"
+                advice = (
+                    "the start could not be assembled" if assemble else "correct the start or assemble it (--assemble)"
+                )
                 problems.append(Problem(f"start.{name}", f"{what} residual {residual:.6g}",
                                         f"expected the constraint to be met within {floor:.1g}; {advice}"))
     return q, v, problems
@@ -82,6 +84,7 @@ def with_consistent_start(scene: Scene, assemble: bool = False) -> Scene:
     starts = consistent_starts(parts, assemble)
     if not assemble:
         return scene
-    return vary(scene, {f"{name}.{key}": value for part, (q, v) in zip(parts, starts) for i, name in enumerate(part.body_names)
+    return vary(scene, {f"{name}.{key}": value for part, (q, v) in zip(parts, starts)
+                        for i, name in enumerate(part.body_names)
                         for key, value in (("position", q[3 * i:3 * i + 2]), ("angle", q[3 * i + 2]),
                                            ("velocity", v[3 * i:3 * i + 2]), ("angular_velocity", v[3 * i + 2]))})

@@ -9,11 +9,12 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.friction.solvers import AUTOMATIC, COUNTERS, Counters
-from stiction.reference_impl.multibody.mechanism import ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE, REVOLUTE, Arrays
+from stiction.reference_impl.multibody.mechanism import (ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE,
+                                                         REVOLUTE, Arrays)
 
 
 class Workspace(Bundle):
-    """What the kernels compute at one instant; tangential rows stand behind the constraint rows.
+    """Quantities of one instant; tangential rows stand behind the constraint rows.
 
     Attributes
     ----------
@@ -74,23 +75,30 @@ def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
     """Room for the kernels' results."""
     n, frictional = arrays.rows, len(arrays.friction)
     size, coordinates = n + frictional, len(arrays.inverse_mass)
-    whole = Workspace.zeros(rotation=(coordinates // 3, 2), J=6 * size, JM=6 * size, phi=n, phi_dot=n, gamma=size, slip_speed=frictional,
-                            free=coordinates, G=(size, size), right=size, stabilizing=n, A=(size, size), x=size, unit=2 * size, response=(size, frictional),
+    whole = Workspace.zeros(rotation=(coordinates // 3, 2), J=6 * size, JM=6 * size, phi=n, phi_dot=n, gamma=size,
+                            slip_speed=frictional,
+                            free=coordinates, G=(size, size), right=size, stabilizing=n, A=(size, size), x=size,
+                            unit=2 * size, response=(size, frictional),
                             force=size, event=3 * frictional, solver=solver, counters=(), separate=())
-    return whole.replaced(separate=tuple(_workspace_of_cell(cell, whole) for cell in arrays.separate)) if arrays.separate else whole
+    return whole.replaced(separate=tuple(_workspace_of_cell(cell, whole)
+                                         for cell in arrays.separate)) if arrays.separate else whole
 
 
 def _workspace_of_cell(cell: Arrays, whole: Workspace) -> Workspace:
     size, frictional = cell.rows + len(cell.friction), len(cell.friction)
-    return whole.replaced(slip_speed=np.zeros(frictional), G=np.zeros((size, size)), right=np.zeros(size), stabilizing=np.zeros(cell.rows), A=np.zeros((size, size)),
-                          x=np.zeros(size), unit=np.zeros(2 * size), response=np.zeros((size, frictional)), force=np.zeros(size),
+    return whole.replaced(slip_speed=np.zeros(frictional), G=np.zeros((size, size)), right=np.zeros(size),
+                          stabilizing=np.zeros(cell.rows), A=np.zeros((size, size)),
+                          x=np.zeros(size), unit=np.zeros(2 * size), response=np.zeros((size, frictional)),
+                          force=np.zeros(size),
                           event=np.zeros(3 * frictional))
 
 
 @kernel
 def law_at(law, knots, i, t):
-    """Value, rate and second derivative of law i at time t; the compiled twin of
-    `stiction.scenes.laws.evaluate_law`."""
+    """Value, rate and second derivative of law i at time t.
+
+    The compiled twin of `stiction.scenes.laws.evaluate_law`.
+    """
     kind, a, b = law[i].kind, law[i].first, law[i].second
     if kind == LAW_POLYNOMIAL:
         return a + b * t, b, 0.0
@@ -120,8 +128,7 @@ def law_at(law, knots, i, t):
 
 @kernel
 def point_at(rotation, q, v, body, px, py):
-    """Of a point (px, py) of a body: its arm from the centre of mass, position, velocity, and -omega^2 times the
-    arm."""
+    """Arm of a point (px, py) from the centre of mass, its position, velocity, and -omega^2 times the arm."""
     if body < 0:
         return 0.0, 0.0, px, py, 0.0, 0.0, 0.0, 0.0
     c, s = rotation[body, 0], rotation[body, 1]
@@ -212,7 +219,11 @@ def constraints_at(m, w, t, q, v):
         w.gamma[r] = ux * cy - uy * cx - 2.0 * omega * (ux * ex + uy * ey) - omega * omega * across
         w.J[6 * r + 8], w.J[6 * r + 11] = 1.0, -1.0
         qb = q[3 * b + 2] if b >= 0 else 0.0
-        w.phi[r + 1], w.phi_dot[r + 1], w.gamma[r + 1] = q[3 * a + 2] - qb - constraint.offset, v[3 * a + 2] - omega, 0.0
+        w.phi[r + 1], w.phi_dot[r + 1], w.gamma[r + 1] = (
+            q[3 * a + 2] - qb - constraint.offset,
+            v[3 * a + 2] - omega,
+            0.0,
+        )
         f = constraint.friction
         if f >= 0:
             _along(w.J, m.rows + f, ux, uy, arms, dx, dy)

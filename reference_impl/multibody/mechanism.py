@@ -38,12 +38,14 @@ LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
 _POINTS = [("ax", float), ("ay", float), ("bx", float), ("by", float), ("ux", float), ("uy", float)]
 CONSTRAINT = np.dtype([("kind", np.int64), ("row", np.int64), ("a", np.int64), ("b", np.int64), *_POINTS,
                        ("offset", float), ("law", np.int64), ("friction", np.int64)])
-FRICTION = np.dtype([("row", np.int64), ("corners", np.int64), ("pair", np.int64), ("length", float), ("width", float), ("mu", float),
+FRICTION = np.dtype([("row", np.int64), ("corners", np.int64), ("pair", np.int64), ("length", float), ("width", float),
+                     ("mu", float),
                      ("mus", float)])
 SPRING = np.dtype([("kind", np.int64), ("a", np.int64), ("b", np.int64), *_POINTS,
                    ("stiffness", float), ("damping", float), ("rest", float)])
 LOAD = np.dtype([("body", np.int64), ("px", float), ("py", float), ("ux", float), ("uy", float), ("law", np.int64)])
-CELL = np.dtype([("first", np.int64), ("end", np.int64), ("band", np.int64), ("first_entry", np.int64), ("end_entry", np.int64),
+CELL = np.dtype([("first", np.int64), ("end", np.int64), ("band", np.int64), ("first_entry", np.int64),
+                 ("end_entry", np.int64),
                  ("first_block", np.int64), ("end_block", np.int64)])
 LAW = np.dtype([("kind", np.int64), ("first", float), ("second", float), ("frequency", float), ("phase", float)])
 
@@ -148,7 +150,11 @@ class Mechanism:
 
     def __init__(self, scene: Scene, stabilization: str = "scene"):
         self.scene = scene
-        self.body_names, self.guide_names, self.row_names = list(scene.bodies), list(scene.frictional_guides), _row_names(scene)
+        self.body_names, self.guide_names, self.row_names = (
+            list(scene.bodies),
+            list(scene.frictional_guides),
+            _row_names(scene),
+        )
         self._index = {GROUND: -1, **{name: i for i, name in enumerate(self.body_names)}}
         self._laws = [element.law for element in [*scene.drives.values(), *scene.forces.values()]]
         alpha, beta, self.projection = _stabilization(scene, stabilization)
@@ -158,7 +164,8 @@ class Mechanism:
             raise SceneError(scene._origin, [Problem("joints, drives", f"{len(self.row_names)} constraint equations",
                                                      f"expected at most {MOST_ROWS} in one part of a scene")])
         baumgarte = {"baumgarte_2alpha": 2.0 * alpha, "baumgarte_beta2": beta ** 2}
-        whole = Arrays(separate=(), **baumgarte, **self._masses(), **self._constraints(), **self._springs(), **self._loads())
+        whole = Arrays(separate=(), **baumgarte, **self._masses(), **self._constraints(), **self._springs(),
+                       **self._loads())
         separate = _separate(whole)
         self.arrays = whole.replaced(separate=separate) if separate else whole
 
@@ -203,7 +210,8 @@ class Mechanism:
                 direction, offset = element.direction, element.angle
                 if element.frictional:
                     guide = len(frictions)
-                    frictions.append((row, 2 if element.length else 1, 0, element.length or 0.0, element.width or 0.0, element.mu,
+                    frictions.append((row, 2 if element.length else 1, 0, element.length or 0.0, element.width or 0.0,
+                                      element.mu,
                                       element.static_coefficient))
             constraints.append((kind, row, *(self._index[body] for body in element.bodies), *points[0], *points[1],
                                 *_unit(direction), offset, law, guide))
@@ -213,8 +221,10 @@ class Mechanism:
         size = row + len(friction)
         cell, order, position, entry, block = _cells(size, block, pair) if size > DENSE else (*_NO_CELLS, block)
         return {"rows": row, "constraint": constraint, "friction": friction, "block": block, "pair": pair,
-                "smooth": _hlcp_pairs(row, friction), "cell": cell, "order": order, "position": position, "entry": entry,
-                "origin": np.zeros(0, dtype=np.int64), "length_scale": self._length_scale(), "unlike": int(self._unlike())}
+                "smooth": _hlcp_pairs(row, friction), "cell": cell, "order": order, "position": position,
+                "entry": entry,
+                "origin": np.zeros(0, dtype=np.int64), "length_scale": self._length_scale(),
+                "unlike": int(self._unlike())}
 
     def _springs(self) -> dict[str, np.ndarray]:
         springs = []
@@ -231,7 +241,8 @@ class Mechanism:
     def _loads(self) -> dict[str, np.ndarray]:
         """The loads, and the laws, those of drives first."""
         loads = [(self._index[load.body], *load.point, *_unit(load.direction), law) if isinstance(load, Force)
-                 else (self._index[load.body], 0, 0, 0, 0, law) for law, load in enumerate(self.scene.forces.values(), len(self.scene.drives))]
+                 else (self._index[load.body], 0, 0, 0, 0, law)
+                 for law, load in enumerate(self.scene.forces.values(), len(self.scene.drives))]
         laws, knots = [], []
         for law in self._laws:
             if isinstance(law, Constant):
@@ -246,21 +257,27 @@ class Mechanism:
                 second = spline_slopes(t, y) if cubic else np.zeros(len(t))
                 laws.append((LAW_SPLINE if cubic else LAW_TABLE, len(knots), len(knots) + len(t), 0, 0))
                 knots += zip(t, y, second)
-        return {"load": np.array(loads, dtype=LOAD), "law": np.array(laws, dtype=LAW), "knots": np.array(knots, dtype=float).reshape(-1, 3)}
+        return {"load": np.array(loads, dtype=LOAD), "law": np.array(laws, dtype=LAW),
+                "knots": np.array(knots, dtype=float).reshape(-1, 3)}
 
     def _unlike(self) -> bool:
         """Levers couple masses and inertias; without one a guide couples masses with masses, inertias with inertias.
-        Where a mechanism stands does not matter."""
+
+        Where a mechanism stands does not matter.
+        """
         bodies, lever = self.scene.bodies.values(), self._largest_lever()
         masses, inertias = [body.mass for body in bodies], [body.inertia for body in bodies]
         coupled = [[*masses, *(inertia / lever ** 2 for inertia in inertias)]] if lever else [masses, inertias]
         return any(max(values) > UNLIKE * min(values) for values in coupled)
 
     def _largest_lever(self) -> float:
-        """Of the forces of joints about the centres of mass, m: points of pins, sizes of sliders, and how far sliders
-        are from the bodies that guide them at the start."""
+        """Largest lever of joint forces about the centres of mass, m.
+
+        Points of pins, sizes of sliders, and how far sliders are from the bodies that guide them at the start.
+        """
         scene = self.scene
-        lengths = [hypot(*point) for joint in scene.joints.values() if isinstance(joint, Revolute) for body, point in zip(joint.bodies, joint.points) if body in scene.bodies]
+        lengths = [hypot(*point) for joint in scene.joints.values() if isinstance(joint, Revolute)
+                   for body, point in zip(joint.bodies, joint.points) if body in scene.bodies]
         for guide in scene.guides.values():
             lengths += [guide.length or 0.0, guide.width or 0.0]
             if guide.guide in scene.bodies:
@@ -278,14 +295,16 @@ class Mechanism:
 
 
 def _row_names(scene: Scene) -> list[str]:
-    named = [(name, ("fx", "fy") if isinstance(joint, Revolute) else ("normal_force", "moment")) for name, joint in scene.joints.items()]
+    named = [(name, ("fx", "fy") if isinstance(joint, Revolute) else ("normal_force", "moment"))
+             for name, joint in scene.joints.items()]
     return [f"{name}.{row}" for name, rows in [*named, *((name, ("effort",)) for name in scene.drives)] for row in rows]
 
 
 @lru_cache(maxsize=8)
 def _blocks(rows: int, joints: tuple[tuple[int, int, int, int, int], ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Blocks of the rows, tangential rows included, and their pairs at the same body; of joints their kind, row, bodies
-    and frictional guide.
+    """Blocks of the rows, tangential rows included, and their pairs at the same body.
+
+    Of joints their kind, row, bodies and frictional guide.
 
     Mechanisms that differ in numbers alone share them; nothing writes into them.
     """
@@ -306,13 +325,19 @@ def _blocks(rows: int, joints: tuple[tuple[int, int, int, int, int], ...]) -> tu
 
 def _hlcp_pairs(rows: int, friction: np.ndarray) -> np.ndarray:
     """`Arrays.smooth`; puts the place of its first pair into each frictional guide."""
-    replaced = {row + corner for row, corners in zip(friction["row"].tolist(), friction["corners"].tolist()) for corner in range(corners)}
+    replaced = {row + corner for row, corners in zip(friction["row"].tolist(), friction["corners"].tolist())
+                for corner in range(corners)}
     smooth = np.array([row for row in range(rows) if row not in replaced], dtype=np.int64)
     friction["pair"] = len(smooth) + np.cumsum(friction["corners"]) - friction["corners"]
     return smooth
 
 
-_NO_CELLS = np.zeros(0, dtype=CELL), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64)
+_NO_CELLS = (
+    np.zeros(0, dtype=CELL),
+    np.zeros(0, dtype=np.int64),
+    np.zeros(0, dtype=np.int64),
+    np.zeros((0, 2), dtype=np.int64),
+)
 """`Arrays.cell`, `order`, `position`, `entry` of a mechanism of few rows."""
 
 
@@ -354,7 +379,8 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
         bands = (own, local[order], m.position[rows], entry) if len(rows) > DENSE else _NO_CELLS
         count = len(rows) - len(friction)
         found.append(m.replaced(
-            rows=count, constraint=m.constraint[:0], friction=friction, spring=m.spring[:0], load=m.load[:0], law=m.law[:0],
+            rows=count, constraint=m.constraint[:0], friction=friction, spring=m.spring[:0], load=m.load[:0],
+            law=m.law[:0],
             knots=m.knots[:0], block=block, pair=m.pair[:0], smooth=_hlcp_pairs(count, friction), origin=rows,
             **dict(zip(("cell", "order", "position", "entry"), bands))))
     return tuple(found)

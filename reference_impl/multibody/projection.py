@@ -19,8 +19,10 @@ from stiction.reference_impl.multibody.singular_positions import leave_nearly_de
 
 @kernel
 def _correct(m: Arrays, w: Workspace, residual: Reals, n: int, target: Reals) -> None:
-    """Subtract M^-1 J^T G^-1 residual of the first n rows from target; nearly dependent rows lose their part of the
-    residual."""
+    """Subtract M^-1 J^T G^-1 residual of the first n rows from target.
+
+    Nearly dependent rows lose their part of the residual.
+    """
     regular = len(m.cell) > 0
     for c in range(len(m.cell)):
         regular = regular and solve_bilateral(m, w, c, residual)
@@ -42,8 +44,10 @@ def _correct(m: Arrays, w: Workspace, residual: Reals, n: int, target: Reals) ->
 
 @kernel
 def _solve(w, residual, n, tolerance):
-    """The leading n x n part of G times w.x = residual; False, with w.x destroyed, where a pivot is below the
-    tolerance."""
+    """The leading n x n part of G times w.x = residual.
+
+    False, with w.x destroyed, where a pivot is below the tolerance.
+    """
     for r in range(n):
         w.x[r] = residual[r]
         for c in range(n):

@@ -59,14 +59,17 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
     mechanism = Mechanism(scene, stabilization="none")
     m = mechanism.arrays
     t = _numbers("t", t, ("n",))
-    q, v, a = (_numbers(name, values, (len(t), len(m.inverse_mass)), unknown=name == "a") for name, values in (("q", q), ("v", v), ("a", a)))
+    q, v, a = (_numbers(name, values, (len(t), len(m.inverse_mass)), unknown=name == "a")
+               for name, values in (("q", q), ("v", v), ("a", a)))
     frictions = [f"{name}.friction" for name in mechanism.guide_names]
-    reactions = {name: _numbers(f"reactions[{name!r}]", values, (len(t),), unknown=True) for name, values in (reactions or {}).items()}
+    reactions = {name: _numbers(f"reactions[{name!r}]", values, (len(t),), unknown=True)
+                 for name, values in (reactions or {}).items()}
     friction = np.full((len(t), len(frictions)), np.nan)
     for i, name in enumerate(frictions):
         friction[:, i] = reactions.pop(name, np.nan)
     told = ~np.isnan(friction)
-    force, known = (np.hstack([np.zeros((len(t), m.rows), dtype=values.dtype), values]) for values in (np.where(told, friction, 0.0), told))
+    force, known = (np.hstack([np.zeros((len(t), m.rows), dtype=values.dtype), values])
+                    for values in (np.where(told, friction, 0.0), told))
     at_once = max(1, _ROOM // max(1, len(m.inverse_mass) * force.shape[1]))
     for part in (slice(first, first + at_once) for first in range(0, len(t), at_once)):
         columns_of_rows, free = _rows(m, t[part], q[part], v[part])
@@ -81,16 +84,20 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
 
 
 def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown: bool = False) -> np.ndarray:
-    """An argument as the kernels take it: float64, C-contiguous, writable. `shape` may have a letter; `unknown`: NaN is
-    allowed."""
-    wanted = f"expected {'number' if unknown else 'finite number'}s of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
+    """An argument as the kernels take it: float64, C-contiguous, writable.
+
+    `shape` may have a letter; `unknown`: NaN is allowed.
+    """
+    wanted = (f"expected {'number' if unknown else 'finite number'}s of shape "
+              f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})")
     try:
         found = np.asarray(values)
     except ValueError as error:  # rows of unlike length
         raise InputError(f"{name}: found {error}; {wanted}") from None
     if found.dtype.kind not in "fiub":
         raise InputError(f"{name}: found an array of {found.dtype}; {wanted}")
-    if found.ndim != len(shape) or any(isinstance(size, int) and size != other for size, other in zip(shape, found.shape)):
+    if found.ndim != len(shape) or any(isinstance(size, int) and size != other
+                                       for size, other in zip(shape, found.shape)):
         turned = ", its transpose" if found.ndim == 2 and found.shape[::-1] == shape else ""
         raise InputError(f"{name}: found shape {found.shape}; {wanted}{turned}")
     found = np.require(found, float, ("C", "W"))
@@ -101,8 +108,7 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown
 
 
 def _rows(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """J^T at each instant, shape (n, 3 * bodies, rows + frictional), and the accelerations M^-1 Q without joints, shape
-    (n, 3 * bodies)."""
+    """J^T at each instant (n, 3 * bodies, rows + frictional), and M^-1 Q without joints (n, 3 * bodies)."""
     w = workspace(m)
     J, free = np.empty((len(t), len(w.J))), np.empty(q.shape)
     for i in range(len(t)):
@@ -114,9 +120,12 @@ def _rows(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.nd
     return columns_of_rows, free
 
 
-def _balanced(columns_of_rows: np.ndarray, needed: np.ndarray, force: np.ndarray, known: np.ndarray, rows: int) -> np.ndarray:
-    """Row forces (n, rows + frictional): those that are known, and with them the smallest others whose sum in the
-    least-squares sense is `needed`, (n, 3 * bodies).
+def _balanced(columns_of_rows: np.ndarray, needed: np.ndarray, force: np.ndarray, known: np.ndarray,
+              rows: int) -> np.ndarray:
+    """Row forces (n, rows + frictional).
+
+    Those that are known, and with them the smallest others whose sum in the least-squares sense is `needed`, (n, 3 *
+    bodies).
 
     nan where a null vector that contains frictions moves them. Singular values below the largest times machine
     precision times the size count as zero, as in `numpy.linalg.lstsq`.
@@ -146,6 +155,8 @@ def _inverse(matrices: np.ndarray, size: np.ndarray) -> np.ndarray:
 
 
 def _null_parts(matrices: np.ndarray, size: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Diagonal of the projector onto the null vectors of matrices (n, i, j), shape (n, j): the square of each unknown's
-    largest part in one of unit length."""
+    """Diagonal of the projector onto the null vectors of matrices (n, i, j), shape (n, j).
+
+    The square of each unknown's largest part in one of unit length.
+    """
     return 1.0 - np.einsum("nk,nkj->nj", (_inverse(matrices, size) > 0).astype(float), right ** 2)

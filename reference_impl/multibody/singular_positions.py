@@ -86,8 +86,10 @@ def singular_rows(m: Arrays, w: Workspace, unit: Reals) -> tuple[Reals, Table, R
 
 @kernel(allocates=True)
 def lengths(m):
-    """What a unit of length is in each coordinate, ndarray of shape (3 * bodies,): 1 m, and the angle that moves a
-    point by it."""
+    """Unit of length in each coordinate, ndarray of shape (3 * bodies,).
+
+    1 m, and the angle that moves a point by it.
+    """
     unit = np.zeros(len(m.inverse_mass))
     for i in range(len(unit)):
         unit[i] = 1.0 / m.length_scale if i % 3 == 2 else 1.0
@@ -105,8 +107,9 @@ def _product(rows, k, vector):
 
 @kernel(allocates=True)
 def shortest_forces(m: Arrays, w: Workspace) -> float:
-    """Forces of the constraint rows without friction into w.force, from J M^-1/2: the shortest that minimize |G force -
-    right|.
+    """Forces of the constraint rows without friction into w.force, from J M^-1/2.
+
+    The shortest that minimize |G force - right|.
 
     Rows are measured by their size in J M^-1/2; the singular values up to SINGULAR_POSITION are left out.
 
@@ -143,8 +146,7 @@ def shortest_forces(m: Arrays, w: Workspace) -> float:
 
 @kernel(allocates=True)
 def leave_nearly_dependent(m: Arrays, w: Workspace, residual: Reals) -> None:
-    """Take out of a residual of the constraint rows what belongs to singular values of J below NEARLY_DEPENDENT, in
-    place.
+    """Take the part of singular values of J below NEARLY_DEPENDENT out of a residual, in place.
 
     It is a matter of the geometry alone: small singular values of J M^-1/2 come from unequal masses too, and are to be
     corrected.
@@ -164,8 +166,7 @@ def leave_nearly_dependent(m: Arrays, w: Workspace, residual: Reals) -> None:
 
 @kernel
 def _is_far(m, w):
-    """Whether the pivots of G, which cost a hundredth of its singular values, are far from those of a singular
-    position."""
+    """Return True where the pivots of G, far cheaper than singular values, exclude a singular position."""
     for r in range(m.rows):
         w.x[r] = 0.0
         for c in range(m.rows):
@@ -174,7 +175,8 @@ def _is_far(m, w):
 
 
 @kernel(allocates=True)
-def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals, y_new: Reals, K: Table, scale: Reals, probe: Reals,
+def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals, y_new: Reals, K: Table, scale: Reals,
+                       probe: Reals,
                        error: float, bodies: int) -> float:
     """Estimated local error of a step (`dop853.error_norm`) without its part along another branch of motion.
 
@@ -214,8 +216,7 @@ def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals, y_
 
 @kernel
 def _smallest(s):
-    """Of singular values, in decreasing order, the smallest that does not belong to rows that are always dependent,
-    over the largest."""
+    """Smallest singular value of rows that are not always dependent, over the largest."""
     for k in range(len(s) - 1, 0, -1):
         if s[k] > ALWAYS_DEPENDENT * s[0]:
             return s[k] / s[0]

@@ -26,10 +26,13 @@ if TYPE_CHECKING:
 
 
 def connected_bodies(scene: Scene, pairs: Iterable[tuple[str, str]]) -> tuple[int, dict[str, int]]:
-    """How many groups of bodies the pairs leave unconnected, and the group of each body; groups in the order of the
-    bodies."""
+    """Number of groups of bodies that the pairs leave unconnected, and the group of each body.
+
+    Groups in the order of the bodies.
+    """
     index = {name: i for i, name in enumerate(scene.bodies)}
-    edges = np.array([(index[a], index[b]) for a, b in pairs if a in index and b in index], dtype=np.int64).reshape(-1, 2)
+    edges = np.array([(index[a], index[b]) for a, b in pairs if a in index and b in index],
+                     dtype=np.int64).reshape(-1, 2)
     graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(index), len(index)))
     count, label = connected_components(graph, directed=False)
     return count, dict(zip(index, label.tolist()))
@@ -50,12 +53,14 @@ def independent_parts(scene: Scene) -> list[Scene]:
     parts = []
     for own in sections:
         part = scene.model_copy(update=own)
-        part._raw = {key: {name: value[name] for name in own[key]} if key in own else value for key, value in scene._raw.items()}
+        part._raw = {key: {name: value[name] for name in own[key]} if key in own else value
+                     for key, value in scene._raw.items()}
         parts.append(part)
     return parts
 
 
-def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[[int, float], Run], t_end: float) -> Run:
+def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[[int, float], Run],
+                   t_end: float) -> Run:
     """Integrate the parts one after the other and put together what they yield.
 
     Parameters

@@ -15,12 +15,14 @@ from stiction.reference_impl.multibody.kinematics import Workspace, workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
 
 BODY_COLUMNS = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
-CORNER_COLUMNS, GUIDE_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower", "friction_upper"), ("displacement", "slip_velocity")
+CORNER_COLUMNS, GUIDE_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower",
+                                 "friction_upper"), ("displacement", "slip_velocity")
 DRIFT_COLUMNS = ("position", "velocity")
 
 
 def build_columns(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray,
-                  force: np.ndarray, slip: np.ndarray | None = None, names: Collection[str] | None = None) -> dict[str, np.ndarray]:
+                  force: np.ndarray, slip: np.ndarray | None = None,
+                  names: Collection[str] | None = None) -> dict[str, np.ndarray]:
     """Columns of a trajectory (names: `stiction.scenes.Trajectory`).
 
     Parameters
@@ -66,9 +68,12 @@ def _are_wanted(names: Collection[str] | None, prefix: str, labels: Sequence[str
 
 
 @kernel
-def write_sample(w: Workspace, y: Reals, dy: Reals, slip: Integers, motion: Table, force: Reals, slips: Integers) -> None:
-    """A sample of the state y with the derivative dy, the forces in the workspace and the contact modes; motion of
-    shape (3, 3 * bodies)."""
+def write_sample(w: Workspace, y: Reals, dy: Reals, slip: Integers, motion: Table, force: Reals,
+                 slips: Integers) -> None:
+    """A sample of the state y with the derivative dy, the forces in the workspace and the contact modes.
+
+    Motion of shape (3, 3 * bodies).
+    """
     n = motion.shape[1]
     for i in range(n):
         motion[0, i], motion[1, i], motion[2, i] = y[i], y[n + i], dy[n + i]
@@ -99,8 +104,7 @@ def corner_forces(name: str, guide, columns: dict[str, np.ndarray]) -> dict[str,
 
 @kernel(allocates=True)
 def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tuple[Reals, Reals]:
-    """Norms of Phi and of Phi' (m and rad, 1/s, summed as they are) at times t (n,), for states q, v of shape (n, 3 *
-    bodies)."""
+    """Norms of Phi and Phi' (m and rad, per s, summed as they are) at times t, q and v (n, 3 * bodies)."""
     position, velocity = np.zeros(len(t)), np.zeros(len(t))
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
@@ -113,8 +117,9 @@ def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tup
 
 @kernel(allocates=True)
 def imbalance(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, force: Table) -> tuple[Reals, Reals]:
-    """What Newton's and Euler's equations leave over at times t (n,), and the largest term in them; sqrt(kg) m/s^2, as
-    `dynamics.largest_force`.
+    """Remainder of Newton's and Euler's equations at times t (n,), and the largest term in them.
+
+    Sqrt(kg) m/s^2, as `dynamics.largest_force`.
 
     q, v, a of shape (n, 3 * bodies); row forces as of `build_columns`. The largest over all coordinates, each in units
     of the square root of its mobility: N and N m have no order.
@@ -132,8 +137,10 @@ def imbalance(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, f
 
 
 def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinate of the slider's point along its guide, and its rate; constraint k, q and v of shape (n, 3 *
-    bodies)."""
+    """Coordinate of the slider's point along its guide, and its rate.
+
+    Constraint k, q and v of shape (n, 3 * bodies).
+    """
     constraint = m.constraint[k]
 
     def absolute(body: int, px: float, py: float) -> tuple[np.ndarray | float, ...]:

@@ -1,4 +1,4 @@
-"""What commands show on standard output, the progress on standard error, and tables in files."""
+"""Output of commands: on standard output, the progress on standard error, and tables in files."""
 
 from __future__ import annotations
 

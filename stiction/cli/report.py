@@ -1,4 +1,4 @@
-"""What is made of a finished run or history: ``paper``, ``page``, ``trace``."""
+"""Results of a finished run or history: ``paper``, ``page``, ``trace``."""
 
 from __future__ import annotations
 

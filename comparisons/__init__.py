@@ -1,4 +1,6 @@
-"""Runs compared with truths and with each other. The stages of a run are
+"""Runs compared with truths and with each other.
+
+The stages of a run are
 
 ``variants.Variant``                    an engine with settings, over steps or tolerances
 ``campaigns.measurement.PlannedRun``    a variant with one step on a scene, before it is run

@@ -30,6 +30,7 @@ def origin() -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that a result may depend on."""
     return {"python": platform.python_version(), **{name: _installed(name) for name in PACKAGES}}
 
 

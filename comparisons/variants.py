@@ -188,6 +188,7 @@ def _rounded(step: float) -> float:
 
 
 def run_key(scene: Scene, variant: Variant, step: float) -> str:
+    """Return the key of a run: ``scene/variant/dt=0.001``."""
     return f"{scene.name}/{variant.label}/{variant.parameter}={step:g}"
 
 

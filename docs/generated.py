@@ -17,6 +17,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import stiction
+from stiction.cli.app import app
+from stiction.cli.describe import fidelities_of, table_of_defaults
 from stiction.comparisons.campaigns import history
 from stiction.engines import EngineMissing, load_engine
 from stiction.reference_impl import paper
@@ -26,8 +28,6 @@ from stiction.scenes.columns import COLUMNS
 from stiction.scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
 from stiction.scenes.expressions import CONSTANTS, FUNCTIONS
 from stiction.scenes.model import Scene
-from stiction.cli.app import app
-from stiction.cli.describe import fidelities_of, table_of_defaults
 
 PART = re.compile(r"^(<!-- generated: ([\w -]+) -->\n).*?(^<!-- end -->$)", re.MULTILINE | re.DOTALL)
 

@@ -123,7 +123,7 @@ def _simulate(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Trajec
     return load_engine(engine).simulate(scene, **arguments)
 
 
-def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
+def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,  # noqa: C901 - one loop of messages
             on_result: Callable[[Outcome], None] | None = None,
             on_note: Callable[[str], None] | None = None) -> list[Outcome]:
     """Call each task's function in a child process.

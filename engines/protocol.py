@@ -230,10 +230,10 @@ class Engine(ABC):
         """
         return False
 
-    def prepare(self) -> None:
+    def prepare(self) -> None:  # noqa: B027 - most have nothing to do
         """Compile what the engine keeps on disk; called before any run has a time limit. Nothing to do for most."""
 
-    def prepare_run(self, scene: Scene, **arguments: Any) -> None:
+    def prepare_run(self, scene: Scene, **arguments: Any) -> None:  # noqa: B027 - most have nothing to do
         """Compile what the run of a scene calls for and is not on disk yet; arguments as of `simulate`.
 
         Nothing to do for most.

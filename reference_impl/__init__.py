@@ -1,0 +1,1 @@
+"""Reference implementation of Zhuang & Wang (2014)."""

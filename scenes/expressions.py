@@ -14,7 +14,8 @@ from collections.abc import Collection, Mapping
 from functools import lru_cache
 
 from stiction.scenes.base_errors import InputError
-from stiction.scenes.wording import did_you_mean, names as listed
+from stiction.scenes.wording import did_you_mean
+from stiction.scenes.wording import names as listed
 
 CONSTANTS = {"pi": math.pi}
 FUNCTIONS = {"sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, "tan": math.tan,

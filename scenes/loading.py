@@ -31,7 +31,7 @@ _EXPECTED_NAME = ("expected a letter of a-z or A-Z, then such letters, digits or
 _BASED_KEYS = ("base", "title", "source", "set", "unset")
 _QUOTED = re.compile(r"""(?sx) \"{3} (?: \\. | [^\\] )*? (?: \"{3} | \Z )  |  '{3} .*? (?: '{3} | \Z )
                          | " (?: \\. | [^"\\\n] )*+ "?  |  ' [^'\n]*+ '?  |  \# [^\n]*+""")
-_DEEP_KEY = re.compile(r"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){%d}" % MAX_DEPTH)
+_DEEP_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{MAX_DEPTH}}}")
 
 
 def catalogue(folder: str = "") -> list[str]:

@@ -4,7 +4,8 @@ import sys
 
 
 def main() -> None:
-    import stiction.silent_interrupt  # noqa: F401
+    """Run the command line."""
+    import stiction.silent_interrupt  # noqa: F401 - sets the handler
     from stiction.child_processes import child_context
 
     if sys.argv[1:2] == ["run"] and "--help" not in sys.argv:

@@ -16,8 +16,8 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
-
 from random_mechanisms import extreme_scene
+
 from stiction.comparisons.complementarity.problems import SOLVED, Problem, problem_at, write_problems
 from stiction.comparisons.complementarity.replay import answer, lemke
 from stiction.comparisons.hard import hard_cases

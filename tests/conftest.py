@@ -16,9 +16,9 @@ from hypothesis import settings
 from report_material import CASE, LOST, T_END, leave_dots, record, timed, validation_of
 
 from stiction.comparisons.campaigns.participants import extent, variant
-from stiction.comparisons.results import Results
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.measures import scene_truth
+from stiction.comparisons.results import Results
 from stiction.comparisons.studies.drift_suppression import suppression_variants
 from stiction.comparisons.studies.effects import toggles
 from stiction.comparisons.studies.study import studies

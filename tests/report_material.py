@@ -9,11 +9,11 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from stiction.comparisons.results import Results
 from stiction.comparisons.hard.examination import INEXPRESSIBLE, NOT_INSTALLED
 from stiction.comparisons.measures.accuracy import accuracy_table, errors, size_of
 from stiction.comparisons.measures.drift import drift_table
 from stiction.comparisons.measures.torque_jumps import torque_table
+from stiction.comparisons.results import Results
 from stiction.comparisons.studies.stabilization_drift import NONE, PAPERS, STEPS, DriftRun, LongRun, drift_study
 from stiction.comparisons.variants import Record, Variant, run_key
 from stiction.engines.isolation import Outcome

@@ -40,10 +40,10 @@ from functools import partial
 from itertools import product
 
 import numpy as np
+from random_mechanisms import moderate_scene
 from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq, minimize_scalar
 
-from random_mechanisms import moderate_scene
 from stiction.comparisons.random_scenes.one_freedom import Instant
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
@@ -306,7 +306,7 @@ def simulate(scene: Scene, t_end: float) -> Motion:
         while t < t_end:
             stop = next(time for time in stops if time > t)
             began = t
-            for piece, t, passed in _steps(contact, mode, t, y, stop, t_end / STEPS):
+            for piece, t, passed in _steps(contact, mode, t, y, stop, t_end / STEPS):  # noqa: B007, B020 - from t on, used behind
                 y = piece(t)
                 times.append(t)
                 states.append(y)

@@ -23,6 +23,8 @@ import pytest
 from typer.testing import CliRunner
 
 import stiction
+from stiction.cli.app import app
+from stiction.cli.exit_codes import EXIT_CODES
 from stiction.comparisons.campaigns.campaign import load_campaign
 from stiction.engines import EngineMissing, load_engine
 from stiction.engines.protocol import OBLIGATORY
@@ -31,12 +33,10 @@ from stiction.scenes import load_scene
 from stiction.scenes.columns import COLUMNS
 from stiction.scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
 from stiction.scenes.model import Scene
-from stiction.cli.app import app
-from stiction.cli.exit_codes import EXIT_CODES
 
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "docs"))
-import generated  # noqa: E402
+import generated  # noqa: E402 - its folder is put on the path above
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 TEXT = {page.relative_to(ROOT).as_posix(): page.read_text(encoding="utf-8") for page in PAGES}

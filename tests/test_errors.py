@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from stiction import comparisons
-from stiction import reports
+from stiction import comparisons, reports
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.atomic_files import NotWritten
 from stiction.comparisons.campaigns.baseline import BaselineError, BaselineRefused
 from stiction.comparisons.campaigns.campaign import CampaignError
@@ -15,12 +16,10 @@ from stiction.comparisons.measures.scene_truth import NoOwnRun, ground_truth
 from stiction.comparisons.studies.sweep import SweepRefused
 from stiction.comparisons.timing.older_code import ControlRefused
 from stiction.comparisons.truth import NoMotion, NotThisMechanism, TruthRefused, Undecided
-from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, isolate, load_engine,
-                              run_isolated)
+from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, isolate,
+                              load_engine, run_isolated)
 from stiction.reports import FolderRefused
 from stiction.scenes import FileError, InputError, SceneError, StictionError, load_scene
-from stiction.cli.app import app
-from stiction.cli.exit_codes import BAD_INPUT
 
 BUGGY = """
 import numpy as np
@@ -121,8 +120,7 @@ def _modules():
     import importlib
     import pkgutil
 
-    from stiction import engines
-    from stiction import scenes
+    from stiction import engines, scenes
 
     for package in (scenes, engines, comparisons, reports):
         for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):

@@ -49,7 +49,7 @@ from stiction.scenes import StictionError
 FORMAT = 2
 """``PRAGMA user_version`` of the file."""
 
-_SCHEMA = """
+_SCHEMA = f"""
 CREATE TABLE nights (
     night TEXT PRIMARY KEY, campaign TEXT NOT NULL, digest TEXT NOT NULL, machine TEXT NOT NULL, commit_hash TEXT,
     origin TEXT NOT NULL, finished TEXT, verdict TEXT) STRICT;
@@ -65,8 +65,8 @@ CREATE VIEW history AS
            fidelity, parameter, step, status, reason, settings, metric, kind, value, uncertainty, tier
     FROM runs JOIN nights USING (night) LEFT JOIN metrics USING (night, key)
     ORDER BY night, runs.rowid, metrics.rowid;
-PRAGMA user_version = %d;
-""" % FORMAT
+PRAGMA user_version = {FORMAT};
+"""
 _RUN = "key, identity, scene, variant, engine, version, fidelity, parameter, step, status, reason"
 """Columns of a run that are fields of a `Row` of the same names, before its settings."""
 

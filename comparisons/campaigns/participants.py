@@ -35,6 +35,7 @@ def participants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
 
 
 def extent(depth: Depth) -> Extent:
+    """Return how far `validate` goes at a depth."""
     return validation_campaign().depths[depth]
 
 

@@ -19,9 +19,9 @@ from fractions import Fraction
 
 from flint import arb
 
-from stiction.comparisons.proof.certificate import (Claims, Failure, Format, NotACertificate, ball_texts,
-                                                    claimed_scene, contains, decimals, exact_text, matrix_texts,
-                                                    read_ball, read_ball_within, read_matrix, read_number)
+from stiction.comparisons.proof.certificate import (Claims, Failure, Format, NotACertificate, ball_texts, claimed_scene,
+                                                    contains, decimals, exact_text, matrix_texts, read_ball,
+                                                    read_ball_within, read_matrix, read_number)
 from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.step import Precision, StateSet
 from stiction.comparisons.proof.threshold import ProvenSteadyState, ProvenThreshold, decimal, proven_on

@@ -11,9 +11,10 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
 from contextlib import contextmanager
 from functools import partial
+from importlib import import_module
 
-from stiction.comparisons.environment import source_digest
 from stiction.child_processes import undisturbed_end
+from stiction.comparisons.environment import source_digest
 from stiction.engines.isolation import Isolate, Outcome, Task, isolate
 from stiction.scenes import InputError
 
@@ -29,7 +30,7 @@ def check_executor(name: str) -> None:
         raise InputError(f"executor: found {name!r}; {EXPECTED}")
     if kind == "dask":
         try:
-            import distributed  # noqa: F401
+            import_module("distributed")
         except ImportError as error:
             raise InputError(f"executor: {name} needs the extra: pip install 'stiction[dask]' ({error})") from None
 

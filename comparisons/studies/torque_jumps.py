@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.measures.torque_jumps import BOUND, FARTHEST, LATEST, torque_table
 from stiction.comparisons.measures.scene_truth import truth_for
+from stiction.comparisons.measures.torque_jumps import BOUND, FARTHEST, LATEST, torque_table
 from stiction.comparisons.methods import (REFERENCE, at_equal_step, called, case_of, groups, methods, one_per_variant,
                                           representatives, title_of)
 from stiction.comparisons.presentation.cells import setting_of

@@ -101,7 +101,7 @@ def _corners(p, t, x, v, s, event):
 
 
 @njit(cache=True, error_model="numpy")
-def _step(p, t, h, x, v, s, s1, s2, kx, kv, event):
+def _step(p, t, h, x, v, s, s1, s2, kx, kv, event):  # noqa: PLR0913 - as for a kernel
     """Return the new state, and true if an event function was negative at a stage; kx[0], kv[0] hold y'(t)."""
     passed = False
     for i in range(1, 13):
@@ -150,7 +150,7 @@ def _break_away(p, t, x, t_end):
 
 
 @njit(cache=True, error_model="numpy")
-def _length_to_event(p, t, h, x, v, s, s1, s2, kx, kv, event, which, at_low, at_high):
+def _length_to_event(p, t, h, x, v, s, s1, s2, kx, kv, event, which, at_low, at_high):  # noqa: PLR0913 - as for a kernel
     """Length of the step that ends where event function `which` is zero (Illinois), and the number of steps tried."""
     low, high, side, trial = 0.0, h, 0, h
     for i in range(60):

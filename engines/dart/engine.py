@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from importlib import import_module
 from itertools import combinations
 from typing import Any
 
@@ -77,8 +78,7 @@ class DartEngine(TreeEngine):
 
     @property
     def version(self) -> str:
-        import dartpy  # noqa: F401  whether it can be imported is the question
-
+        import_module("dartpy")  # ImportError where it cannot be imported
         return accepted("dartpy", installed_version("dartpy"))
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:

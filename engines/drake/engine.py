@@ -23,6 +23,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -77,8 +78,7 @@ class DrakeEngine(TreeEngine):
 
     @property
     def version(self) -> str:
-        import pydrake.multibody.plant  # noqa: F401  whether it can be imported is the question
-
+        import_module("pydrake.multibody.plant")  # ImportError where it cannot be imported
         return accepted("drake", installed_version("drake"))
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:

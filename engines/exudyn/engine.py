@@ -19,9 +19,9 @@ import numpy as np
 
 from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide
 from stiction.engines.exudyn.contact import ContactGuide
+from stiction.engines.exudyn.friction import FrictionalGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.script import exudyn_script
-from stiction.engines.exudyn.friction import FrictionalGuide
 from stiction.engines.exudyn.solver import INTEGRATORS
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, Sample, Stepper
 from stiction.engines.protocol import (FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled,

@@ -60,6 +60,7 @@ class Softness:
 
 
 def numbers(*values: float) -> str:
+    """Write numbers as an attribute of MJCF."""
     return " ".join(repr(float(value)) for value in values)
 
 

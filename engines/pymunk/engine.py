@@ -32,7 +32,7 @@ import numpy as np
 
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted
 from stiction.engines.shared.contact_geometry import contact_refusal, crowded, slider_box, unlike_guides
-from stiction.engines.shared.fixed_step import Sample, Stepper, run_steps, settings_of, step_of
+from stiction.engines.shared.fixed_step import Grid, Sample, Stepper, run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, GuideFriction
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.momentum import MomentumBalance
@@ -109,9 +109,8 @@ class PymunkEngine(Engine):
         refuse_off(scene)
         stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
         setup_s = time.process_time() - start
-        return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end, dt=h,
-                         output_step=output_step, setup_s=setup_s, reach=_GROOVE,
-                         settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
+        return run_steps(self, stepper, scene, Grid.of(t_end, h, output_step), fidelity=fidelity, settings=options,
+                         setup_s=setup_s, reach=_GROOVE)
 
 
 def non_turning(scene: Scene) -> set[str]:

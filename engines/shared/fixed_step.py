@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.protocol import BadTrajectory, EngineFailure, check_settings, check_steps
+from stiction.engines.protocol import BadTrajectory, Engine, EngineFailure, check_settings, check_steps
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.reactions import recover_columns
@@ -89,6 +89,7 @@ class Stepper(ABC):
 
 
 def default_step(t_end: float) -> float:
+    """Return the step where none is given, s."""
     return min(DEFAULT_STEP, DEFAULT_SHARE * t_end)
 
 
@@ -155,11 +156,27 @@ def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float | t
             **given}
 
 
-def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fidelity: str, t_end: float, dt: float,
-              output_step: float, settings: Mapping[str, Any], setup_s: float, reach: float) -> Trajectory:
-    """Step from t = 0 to t_end and collect a trajectory.
+@dataclass(frozen=True)
+class Grid:
+    """Instants of a run: `last` steps of `dt` seconds, each `every`-th of them an output.
 
     The run ends at the multiple of the step that is nearest to `t_end`; for its outputs see `steps_between_outputs`.
+    """
+
+    dt: float
+    last: int
+    every: int
+
+    @staticmethod
+    def of(t_end: float, dt: float, output_step: float) -> Grid:
+        """Return the grid of a run up to `t_end` with outputs `output_step` seconds from each other, at most."""
+        last = max(1, round(t_end / dt))
+        return Grid(dt, last, steps_between_outputs(last, output_step / dt))
+
+
+def run_steps(engine: Engine, stepper: Stepper, scene: Scene, grid: Grid, *, fidelity: str,
+              settings: Mapping[str, Any], setup_s: float, reach: float) -> Trajectory:
+    """Step over the grid and collect a trajectory.
 
     Parameters
     ----------
@@ -175,12 +192,7 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     BadTrajectory
         If a slider has left its guide.
     """
-    if not (math.isfinite(t_end) and t_end > 0):
-        raise InputError(f"t_end: found {t_end!r}; expected seconds, > 0")
-    if not (math.isfinite(output_step) and output_step > 0):
-        raise InputError(f"output_step: found {output_step!r}; expected seconds, > 0")
-    last = max(1, round(t_end / dt))
-    every = steps_between_outputs(last, output_step / dt)
+    dt, last, every = grid.dt, grid.last, grid.every
     samples = []
     start = process_time()
     try:
@@ -192,7 +204,7 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
                 raise FloatingPointError("a state is not finite")
             samples.append(sample)
     except FloatingPointError as error:
-        raise EngineFailure(f"{engine}: {error}, after t = {max(len(samples) - 1, 0) * every * dt:g} s with dt = "
+        raise EngineFailure(f"{engine.name}: {error}, after t = {max(len(samples) - 1, 0) * every * dt:g} s with dt = "
                             f"{dt:g} s") from error
     stepping, engine_s, passes = process_time() - start, stepper.clock.engine_s, stepper.clock.calls
     t = np.arange(0, last + 1, every) * dt
@@ -206,9 +218,11 @@ def run_steps(stepper: Stepper, scene: Scene, *, engine: str, version: str, fide
     columns = recover_columns(scene, t, q, v, a, known)
     for name in scene.guides:
         if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > reach:
-            raise BadTrajectory(f"{engine}: {name} is {farthest:g} m from its guide's point; guides end at {reach:g} m")
-    return Trajectory(scene=scene.name, engine=engine, version=version, fidelity=fidelity, t=t, columns=columns,
-                      settings={"dt": dt, **settings},
+            raise BadTrajectory(f"{engine.name}: {name} is {farthest:g} m from its guide's point; guides end at "
+                                f"{reach:g} m")
+    return Trajectory(scene=scene.name, engine=engine.name, version=engine.version, fidelity=fidelity, t=t,
+                      columns=columns,
+                      settings={"dt": dt, **settings, "friction_law": engine.capabilities.friction_law[fidelity]},
                       cost=Cost(setup_s, compile_s, stepping,
                                 {"steps": last + 1, "passes": passes, "balances": passes * stepper.balanced}, engine_s))
 

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from stiction.engines.protocol import FIDELITIES, Capabilities, Engine
 from stiction.engines.shared.acceleration_integrator import METHOD, integrate, tolerance_of
 from stiction.engines.shared.contact_geometry import contact_refusal
-from stiction.engines.shared.fixed_step import run_steps, settings_of, step_of
+from stiction.engines.shared.fixed_step import Grid, run_steps, settings_of, step_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
@@ -102,8 +102,6 @@ class TreeEngine(Engine):
         h = step_of(dt, t_end)
         options = settings_of(settings, self.defaults[fidelity], self.name, fidelity)
         with self.stepper(scene, tree_of(scene, fidelity), h, options, fidelity) as stepper:
-            return run_steps(stepper, scene, engine=self.name, version=self.version, fidelity=fidelity, t_end=t_end,
-                             dt=h,
-                             output_step=output_step, setup_s=time.process_time() - start,
-                             reach=self.reach if fidelity == "contact" else math.inf,
-                             settings={**options, "friction_law": self.capabilities.friction_law[fidelity]})
+            return run_steps(self, stepper, scene, Grid.of(t_end, h, output_step), fidelity=fidelity, settings=options,
+                             setup_s=time.process_time() - start,
+                             reach=self.reach if fidelity == "contact" else math.inf)

@@ -88,7 +88,7 @@ def eliminate(A, x, unit, n, band, tolerance=RANK_TOLERANCE):
 
 
 @kernel
-def eliminate_columns(A: Table, B: Table, n: int, k: int, band: int) -> bool:
+def eliminate_columns(A: Table, B: Table, n: int, k: int, band: int) -> bool:  # noqa: C901 - loops of an elimination
     """Solve A X = B (leading n rows, k right sides) in place of B; partial pivoting on rows of unit size.
 
     A is zero more than `band` places from its diagonal.

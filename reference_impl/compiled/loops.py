@@ -34,6 +34,7 @@ def taken(values, places):
 
 @kernel
 def is_finite(values):
+    """Return True for an array without nan and inf."""
     for i in range(len(values)):
         if not np.isfinite(values[i]):
             return False

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import IntegerTable, Integers
+from stiction.reference_impl.compiled.bundle import Integers, IntegerTable
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIMINATION, RANK_TOLERANCE, eliminate,
                                                              minimum_norm, solve_in_place)
@@ -25,7 +25,6 @@ from stiction.reference_impl.multibody.banded_systems import fill_cell, friction
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 from stiction.reference_impl.multibody.singular_positions import shortest_forces
-
 
 ALL = -1.0
 """Of `choose_branches`: whatever capacity they have."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals, Table
+from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
 from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients
@@ -145,11 +145,12 @@ def _coefficient(m, f, stuck):
 
 
 @kernel
-def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integers, s2: Integers, A: Table, force: Reals,
-         compliance: float) -> None:
-    """System of a mode: constraint rows; per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip.
+def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers,  # noqa: PLR0913 - a kernel's arrays
+         s1: Integers, s2: Integers, A: Table, force: Reals, compliance: float) -> None:
+    """Fill in the system of a mode.
 
-    See `contact_modes`).
+    It has the constraint rows, and per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip; see
+    `contact_modes`).
     """
     nr = m.rows
     for r in range(nr + len(m.friction)):

@@ -23,8 +23,8 @@ from stiction.reference_impl.compiled.bundle import Flags, Integers, Reals, Tabl
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, RANK_TOLERANCE, decompose, eliminate_columns
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.coulomb import corner_forces, mobilization
 from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, event_functions, solve_mode
+from stiction.reference_impl.friction.coulomb import corner_forces, mobilization
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import NONE, RAY, SINGULAR, SOLVED
@@ -146,7 +146,7 @@ ACCURATE = 1e-9
 
 
 @kernel(allocates=True)
-def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags,
+def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags,  # noqa: C901 - each way a solve ends
           limit: int = LIMIT) -> tuple[Reals, Reals, Reals, int, float]:
     """Solve the HLCP by Lemke's method, else by trying all contact modes, if they are not above `limit`.
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Flags, IntegerTable, Integers, Reals, at
+from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals, at
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy, taken
-from stiction.reference_impl.friction.coulomb import can_jam
 from stiction.reference_impl.friction.contact_solvers import solve_contact
+from stiction.reference_impl.friction.coulomb import can_jam
 from stiction.reference_impl.friction.guides_at_rest import leave_together
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
 from stiction.reference_impl.friction.uniqueness import has_several

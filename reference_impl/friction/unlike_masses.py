@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import IntegerTable, Integers, Reals
+from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate
 from stiction.reference_impl.friction.coulomb import friction_coefficients

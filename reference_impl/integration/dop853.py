@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.integration.dop853_coefficients import C, D, E3, E5, EXTRA, STAGES
+from stiction.reference_impl.integration.dop853_coefficients import E3, E5, EXTRA, STAGES, C, D
 
 BY_TIME = np.append(-1, np.argsort(np.argsort(C[1:], kind="stable")))
 """Place of each stage but the first in the order of their times."""

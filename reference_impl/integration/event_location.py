@@ -34,7 +34,7 @@ from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.integration.dop853 import dense_at
-from stiction.reference_impl.integration.dop853_coefficients import C, STAGES
+from stiction.reference_impl.integration.dop853_coefficients import STAGES, C
 from stiction.reference_impl.integration.integration_state import NODES, NOISE, State, noise
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.kinematics import Workspace

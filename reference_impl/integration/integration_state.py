@@ -6,11 +6,11 @@ from typing import Annotated
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, IntegerTable, Integers, Reals, Table
+from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.integration.dop853 import BY_TIME, combine
-from stiction.reference_impl.integration.dop853_coefficients import A, C, EXTRA, STAGES
+from stiction.reference_impl.integration.dop853_coefficients import EXTRA, STAGES, A, C
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
@@ -129,8 +129,8 @@ def take_audit_step(m, w, s, t, h):
 
 
 @kernel
-def _stages(m: Arrays, w: Workspace, s: State, t: float, h: float, y: Reals, K: Table, y_new: Reals, stage: Reals,
-            seen: Table) -> None:
+def _stages(m: Arrays, w: Workspace, s: State, t: float, h: float, y: Reals,  # noqa: PLR0913 - a kernel's arrays
+            K: Table, y_new: Reals, stage: Reals, seen: Table) -> None:
     for i in range(1, STAGES + 1):
         combine(K, A[i], i, h, y, stage)
         right_hand_side(m, w, t + C[i] * h, stage, s.slip, s.corner, K[i])

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Flags, IntegerTable, Integers, Reals
+from stiction.reference_impl.compiled.bundle import Bundle, Flags, Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.contact_modes import solve_mode

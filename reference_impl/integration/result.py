@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Cube, IntegerTable, Integers, Reals, Table
+from stiction.reference_impl.compiled.bundle import Bundle, Cube, Integers, IntegerTable, Reals, Table
 from stiction.reference_impl.friction.contact_modes import margin
 from stiction.reference_impl.friction.coulomb import can_jam
 from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, DONE, JAM, MODE_LIMIT, NONE, PIVOT_LIMIT, RAY,

@@ -6,7 +6,7 @@ from math import sqrt
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import IntegerTable, Integers, Reals
+from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction import hlcp

@@ -8,7 +8,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.friction.solvers import AUTOMATIC, COUNTERS, Counters
+from stiction.reference_impl.friction.solvers import AUTOMATIC, Counters
 from stiction.reference_impl.multibody.mechanism import (ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE,
                                                          REVOLUTE, Arrays)
 
@@ -140,6 +140,7 @@ def point_at(rotation, q, v, body, px, py):
 
 @kernel
 def rotate(m, w, q):
+    """Set cosine and sine of the angle of each body."""
     for i in range(len(w.rotation)):
         w.rotation[i, 0], w.rotation[i, 1] = cos(q[3 * i + 2]), sin(q[3 * i + 2])
 

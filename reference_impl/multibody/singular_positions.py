@@ -25,7 +25,7 @@ from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import decompose, solve_in_place
 from stiction.reference_impl.integration.dop853 import combine, error_norm
-from stiction.reference_impl.integration.dop853_coefficients import A, C, STAGES
+from stiction.reference_impl.integration.dop853_coefficients import STAGES, A, C
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
@@ -175,9 +175,8 @@ def _is_far(m, w):
 
 
 @kernel(allocates=True)
-def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals, y_new: Reals, K: Table, scale: Reals,
-                       probe: Reals,
-                       error: float, bodies: int) -> float:
+def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals,  # noqa: PLR0913 - a kernel's arrays
+                       y_new: Reals, K: Table, scale: Reals, probe: Reals, error: float, bodies: int) -> float:
     """Estimated local error of a step (`dop853.error_norm`) without its part along another branch of motion.
 
     That part is left out where a stage has a singular value of J below NEAR: the directions are those of the stage that

@@ -53,7 +53,7 @@ def night_report(result: Result) -> str:
         *(["## Random scenes", result.random] if result.random else []),
         "## What failed", markdown(grouped(failed)) if len(failed) else "Nothing: all runs succeeded.",
         "## Numbers", "Of every run that succeeded, with the tier of the truth; counters and uncertainties are in the "
-        "history.", markdown(numbers), "## Provenance", 
+        "history.", markdown(numbers), "## Provenance",
         markdown(pd.DataFrame(here.items(), columns=["what", "value"]))]) + "\n"
 
 

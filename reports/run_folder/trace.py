@@ -67,7 +67,8 @@ def key_of(table: str, rows: Iterable[int]) -> str:
     steps = set(np.diff(numbers))
     if len(steps) == 1 and len(numbers) > 2 and steps != {1}:
         return f"{letter}{numbers[0]}-{numbers[-1]}/{steps.pop()}"
-    runs = [list(group) for _, group in groupby(numbers, key=lambda number, place=count(): number - next(place))]
+    place = count()
+    runs = [list(group) for _, group in groupby(numbers, key=lambda number: number - next(place))]
     return letter + ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
 
 

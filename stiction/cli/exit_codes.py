@@ -56,6 +56,7 @@ class Commands(TyperGroup):
 
 
 def say(message: str) -> None:
+    """Print a message on standard error."""
     print(f"stiction: {message}", file=sys.stderr)
 
 

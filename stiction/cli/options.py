@@ -124,6 +124,7 @@ def distinct(option: str, path: Path | None, other: Path | None) -> None:
 
 
 def scene_of(name: str, overrides: Sequence[str]) -> Scene:
+    """Load a scene with overrides of the command line."""
     from stiction.scenes import load_scene, parse_override
 
     return load_scene(name, dict(parse_override(text) for text in overrides))

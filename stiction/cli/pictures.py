@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stiction.cli.options import Overrides, SceneName, distinct, check_written, scene_of
+from stiction.cli.options import Overrides, SceneName, check_written, distinct, scene_of
 
 if TYPE_CHECKING:
     from stiction.scenes import Trajectory

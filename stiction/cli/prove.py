@@ -87,8 +87,8 @@ def _check(path: Path) -> None:
 def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> None:
     from stiction.comparisons.proof.certificate import write_certificate
     from stiction.comparisons.proof.enclosures import NotProven
-    from stiction.comparisons.proof.motion_certificate import motion_certificate
     from stiction.comparisons.proof.motion import prove_scene
+    from stiction.comparisons.proof.motion_certificate import motion_certificate
     from stiction.scenes import load_scene, parse_override
 
     scene = load_scene(name, dict(parse_override(text) for text in overrides))

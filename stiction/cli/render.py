@@ -242,6 +242,7 @@ def show_summary(report: Report) -> None:
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
+    """Write a table as CSV or Parquet, whole or not at all."""
     from stiction.comparisons.atomic_files import whole_file
 
     with whole_file(path) as partial:

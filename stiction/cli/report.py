@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from stiction.cli.options import RunFolder, about, distinct, check_written
+from stiction.cli.options import RunFolder, about, check_written, distinct
 from stiction.cli.render import show
 
 commands = typer.Typer()

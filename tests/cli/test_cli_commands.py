@@ -18,12 +18,12 @@ import pytest
 from typer.testing import CliRunner
 
 import stiction
-from stiction.comparisons.truth import PROVEN, slider_bar_truth
-from stiction.engines import EngineMissing, load_engine
-from stiction.scenes import Trajectory, load_scene, vary
 from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED, INTERRUPTED, TERMINATED, terminate
 from stiction.cli.render import show, show_trajectory
+from stiction.comparisons.truth import PROVEN, slider_bar_truth
+from stiction.engines import EngineMissing, load_engine
+from stiction.scenes import Trajectory, load_scene, vary
 
 SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
                       "guide.friction", "guide.mode", "motor.effort", "pin.fx", "pin.fy", "drift.position"}
@@ -366,7 +366,7 @@ class TestPython:
         assert stiction.load_scene("pendulum").name == "pendulum"
         assert stiction.load_engine("reference").name == "reference"
         with pytest.raises(AttributeError, match="load_scenes"):
-            stiction.load_scenes
+            _ = stiction.load_scenes
 
 
 @pytest.mark.long

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from stiction.cli.app import app
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.equation_blocks import blocks, constraint_components, constraint_rows, hlcp_size, rank
+from stiction.reference_impl.multibody.equation_blocks import (blocks, constraint_components, constraint_rows,
+                                                               hlcp_size, rank)
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import catalogue, load_scene, scene_from_dict
-from stiction.cli.app import app
 
 
 def declared(scene):

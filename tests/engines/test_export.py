@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from stiction.cli.app import app
 from stiction.engines import load_engine
 from stiction.engines.exudyn.engine import scene_as_script
 from stiction.engines.mujoco.engine import scene_as_mjcf
@@ -20,8 +21,6 @@ from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.tree_engine import tree_of
 from stiction.scenes import load_scene
 from stiction.scenes.laws import evaluate_law
-from stiction.cli.app import app
-
 
 FLOATING = """gravity = [0.0, -9.81]
 [bodies.arm]

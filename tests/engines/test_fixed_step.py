@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.hard.other_units import Units, scaled
-from stiction.comparisons.truth import (incline_truth, moving_guide_truth, oscillator_truth, slider_bar_truth, slider_crank_truth,
-                                        trammel_truth)
+from stiction.comparisons.truth import (incline_truth, moving_guide_truth, oscillator_truth, slider_bar_truth,
+                                        slider_crank_truth, trammel_truth)
 from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Refused, load_engine
 from stiction.engines.protocol import Declined
 from stiction.scenes import load_scene, scene_from_dict, vary

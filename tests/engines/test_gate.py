@@ -9,13 +9,13 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from stiction.cli.app import app
 from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Job, load_engine, run_isolated
 from stiction.engines.examined import Examined
 from stiction.engines.gate import problems, required_columns
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Breakdown, Cost, Scene, load_scene, scene_from_dict, vary
-from stiction.cli.app import app
 
 SCENE, T_END = "slider-bar-case-1", 4.5  # holds the first stick and slip
 

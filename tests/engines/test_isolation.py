@@ -17,17 +17,16 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from child_tasks import (Treacherous, announce_and_hang, burn, fail, hang, hang_deaf, leave, leave_at_once, process_id, product, say_and_abort, say_process_id, segfault,
-                         take_away, unpicklable, wait_for)
+from child_tasks import (Treacherous, announce_and_hang, burn, fail, hang, hang_deaf, leave, leave_at_once, process_id,
+                         product, say_and_abort, say_process_id, segfault, take_away, unpicklable, wait_for)
 
 from stiction.child_processes import undisturbed_end
 from stiction.cli.exit_codes import Terminated, terminate
 from stiction.comparisons.campaigns.checkpoint import kept_file, kept_runs
 from stiction.comparisons.studies.steady_state_measures import SteadyRun
 from stiction.comparisons.studies.sweep import Specification, parse_axis, sweep
-from stiction.engines import isolation
-from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, engine_names, isolate,
-                              load_engine, run_isolated)
+from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine,
+                              engine_names, isolate, isolation, load_engine, run_isolated)
 from stiction.engines.gate import required_columns
 from stiction.scenes import InputError, Trajectory, load_scene
 

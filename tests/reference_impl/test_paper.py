@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-
 from random_mechanisms import moderate_scene
+
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion

@@ -5,13 +5,13 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
+from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.studies.convergence_orders import METHODS, orders_comparison
-from stiction.comparisons.studies.stabilization_drift import drift_study_comparison
 from stiction.comparisons.studies.paper_claims import CHOICES, claims_comparison, sensitivity_comparison
+from stiction.comparisons.studies.stabilization_drift import drift_study_comparison
 from stiction.comparisons.truth import StickThreshold
 from stiction.engines import Outcome
 from stiction.reports.markdown.failures import failed_runs, grouped
-from stiction.comparisons.presentation.cells import setting_of
 from stiction.scenes import load_scene
 
 CASES = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}

@@ -17,6 +17,7 @@ from hypothesis.extra.numpy import arrays
 from report_material import unsaved_figures, validation_of
 from typer.testing import CliRunner
 
+from stiction.cli.app import app
 from stiction.comparisons.campaigns import history
 from stiction.comparisons.campaigns.measurement import Metric, Row
 from stiction.comparisons.results import Results
@@ -25,7 +26,6 @@ from stiction.reports.page import write_history_page, write_run_page
 from stiction.reports.page.time_series import SAMPLE, TRUTH_LOOK, VISIBLE, Curve, _range, decimated, time_series
 from stiction.reports.run_folder.stored_run import read_run
 from stiction.scenes.pictures.web import LONG, SHORT, Columns
-from stiction.cli.app import app
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NIGHTS = [f"2026-03-{day:02d}T02:00:00.000Z" for day in (1, 2, 3)]

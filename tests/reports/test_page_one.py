@@ -22,7 +22,8 @@ from stiction.comparisons.variants import Variant
 from stiction.reports import report_of, write_report
 from stiction.reports.markdown.tables import WIDTH as TABLE_WIDTH
 from stiction.reports.markdown.tables import fitted
-from stiction.reports.page_one import HOW_TO_READ, TITLE, WIDTH, answer_lines, bullets, headline_table, not_installed, numbers, page_one
+from stiction.reports.page_one import (HOW_TO_READ, TITLE, WIDTH, answer_lines, bullets, headline_table, not_installed,
+                                       numbers, page_one)
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 MOST_LINES, MOST_WORDS = 60, 25
@@ -105,7 +106,7 @@ def test_no_other_digits(full):
     report = report_of(full)
     text = " ".join(page_one(report, "", "Run.").split())
     assert len(text) > 500
-    for fixed in (TITLE, HOW_TO_READ, mechanism_in_words(full), *FIXED, *(record.variant.label for record in full.records)):
+    for fixed in (TITLE, HOW_TO_READ, mechanism_in_words(full), *FIXED, *(run.variant.label for run in full.records)):
         text = text.replace(fixed, "")
     for number in sorted(numbers(report), key=lambda number: -len(number.text)):
         assert " ".join(number.text.split()) in " ".join(page_one(report, "", "Run.").split())

@@ -14,6 +14,8 @@ import pytest
 from report_material import CASE, hard_table, unsaved_figures, validation_of
 from typer.testing import CliRunner
 
+from stiction.cli.app import app
+from stiction.comparisons.presentation.cells import AGAIN
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.equal_error import equal_error
 from stiction.comparisons.variants import OWN_CPU
@@ -22,10 +24,8 @@ from stiction.reports.page_one import bullets
 from stiction.reports.paper import folder, write_paper
 from stiction.reports.paper.folder import summary
 from stiction.reports.paper.methods import methods
-from stiction.comparisons.presentation.cells import AGAIN
 from stiction.reports.run_folder.stored_run import StoredRun, read_run
 from stiction.reports.run_folder.trace import keys, resolve
-from stiction.cli.app import app
 
 POINTS_PER_MM = 72 / 25.4
 

@@ -13,19 +13,18 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from report_material import CASE, LOST, unsaved_figures, validation_of
 
 import stiction.reports.markdown.validation_report
 from stiction.comparisons.campaigns.participants import variant
-from stiction.comparisons.results import Results
 from stiction.comparisons.environment import source_digest
+from stiction.comparisons.methods import stored_keys
+from stiction.comparisons.results import Results
 from stiction.comparisons.studies.paper_figures import stick_phases
 from stiction.comparisons.truth import HIGH_PRECISION, PROVEN
 from stiction.comparisons.variants import Record
 from stiction.engines.isolation import Outcome
 from stiction.reports import REPORT, FolderRefused, check_folder, report_of, write_report
-from stiction.comparisons.methods import stored_keys
 from stiction.reports.markdown.failures import failed_runs, grouped
 from stiction.reports.markdown.tables import markdown
 from stiction.reports.run_folder.data import data_tables, storable, trajectory_files

@@ -13,13 +13,12 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.comparisons.campaigns.participants import participants, variant
+from stiction.comparisons.methods import stored_keys
+from stiction.comparisons.presentation.cells import AGAIN, TRAJECTORY
 from stiction.comparisons.variants import Record, has_static_coefficient, job, physics_of
 from stiction.engines import Outcome, load_engine
-from stiction.comparisons.methods import stored_keys
-from stiction.comparisons.presentation.cells import AGAIN
-from stiction.reports.run_folder.reproduce import again
-from stiction.comparisons.presentation.cells import TRAJECTORY
 from stiction.reports.run_folder.data import SAMPLE_STEP, data_tables, thinned, write_data
+from stiction.reports.run_folder.reproduce import again
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import described, resolve
 from stiction.scenes import load_scene

@@ -13,6 +13,7 @@ from matplotlib.patches import FancyArrowPatch, Polygon
 from PIL import Image
 from typer.testing import CliRunner
 
+from stiction.cli.app import app
 from stiction.engines import load_engine
 from stiction.scenes import catalogue, load_scene, scene_from_dict
 from stiction.scenes.model import Revolute
@@ -20,7 +21,6 @@ from stiction.scenes.pictures import animation
 from stiction.scenes.pictures.evolution import _stick
 from stiction.scenes.pictures.geometry import LONGEST_ARROW, corners, displacement, poses_at, poses_at_start, view_of
 from stiction.scenes.pictures.parts import CornerForce, Stroke, parts
-from stiction.cli.app import app
 
 CASE = "slider-bar-case-1"
 

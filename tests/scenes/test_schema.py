@@ -7,11 +7,11 @@ import jsonschema
 import pytest
 from typer.testing import CliRunner
 
+from stiction.cli.app import app
 from stiction.scenes import SceneError, catalogue, load_scene, new_scene_text, scene_from_dict, scene_text
 from stiction.scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
 from stiction.scenes.model import Scene
 from stiction.scenes.schema import SCHEMA_FILE, scene_schema
-from stiction.cli.app import app
 
 MODELS = [Scene, *(model for table in (*ELEMENTS.values(), LAWS, STABILIZATIONS) for model in table.values())]
 CASE = tomllib.loads(scene_text("slider-bar-case-1"))

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stiction.comparisons.truth.reduced.slider_contact import Contact
-from stiction.comparisons.truth.structure import (ANY, CENTRE, FORWARD, OPTIONAL, POSITIVE, PULLS_ALONG_X, Match,
-                                                  Part, Structure)
+from stiction.comparisons.truth.structure import (ANY, CENTRE, FORWARD, OPTIONAL, POSITIVE, PULLS_ALONG_X, Match, Part,
+                                                  Structure)
 from stiction.comparisons.truth.truth import EPS, Truth
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND

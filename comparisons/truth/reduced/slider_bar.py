@@ -24,8 +24,8 @@ import numpy as np
 
 from stiction.comparisons.truth.reduced.slider_contact import Contact, Mode, SingleSlider
 from stiction.comparisons.truth.reduced.truth_of_motion import truth_of
-from stiction.comparisons.truth.structure import (CENTRE, FORWARD, NEGATIVE, ON_X_AXIS, PULLS_ALONG_X, Condition,
-                                                  Part, Structure)
+from stiction.comparisons.truth.structure import (CENTRE, FORWARD, NEGATIVE, ON_X_AXIS, PULLS_ALONG_X, Condition, Part,
+                                                  Structure)
 from stiction.comparisons.truth.truth import Truth, body_columns
 from stiction.scenes import InputError, Scene
 from stiction.scenes.fields import GROUND

@@ -15,6 +15,10 @@ from child_tasks import fail, hang, note, say_and_abort
 from conftest import called_here
 from typer.testing import CliRunner
 
+from stiction.cli import exit_codes
+from stiction.cli.app import app
+from stiction.cli.campaign import _end_runs
+from stiction.cli.exit_codes import INTERRUPTED, TERMINATED, Terminated, first_signal
 from stiction.comparisons import digest
 from stiction.comparisons.atomic_files import NotWritten
 from stiction.comparisons.campaigns.checkpoint import KeptRefused, kept_file, kept_runs
@@ -24,10 +28,6 @@ from stiction.comparisons.studies import executors
 from stiction.engines import EngineFailure, Task, isolate
 from stiction.reports import write_report
 from stiction.scenes import load_scene, vary
-from stiction.cli.app import app
-from stiction.cli import exit_codes
-from stiction.cli.campaign import _end_runs
-from stiction.cli.exit_codes import INTERRUPTED, TERMINATED, Terminated, first_signal
 
 ENGINES = ["reference"]
 

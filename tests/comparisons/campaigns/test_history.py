@@ -18,13 +18,13 @@ import pytest
 from filelock import FileLock
 from typer.testing import CliRunner
 
+from stiction.cli.app import app
+from stiction.cli.exit_codes import COULD_NOT_RUN, NOT_COMPARED
 from stiction.comparisons.campaigns.history import HistoryRefused, open_history
 from stiction.comparisons.campaigns.measurement import Metric, Row
 from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.environment import origin
 from stiction.comparisons.timing.calibration import TIME
-from stiction.cli.app import app
-from stiction.cli.exit_codes import COULD_NOT_RUN, NOT_COMPARED
 
 ROOT = Path(__file__).parents[3]
 FALL = Row("ball/falling/dt=0.1", "free, joint, dt = 0.1; scene 1", "ball", "falling", "free", "1.0", "joint", "dt",

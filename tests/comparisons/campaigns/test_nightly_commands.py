@@ -17,6 +17,8 @@ import pytest
 from conftest import called_here
 from typer.testing import CliRunner
 
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT, COULD_NOT_RUN, FINE, NOT_COMPARED, REGRESSED
 from stiction.comparisons.campaigns.baseline import DEFAULT, load_baseline
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.measurement import PATH
@@ -25,8 +27,6 @@ from stiction.comparisons.campaigns.regression import IN_TURNS
 from stiction.comparisons.timing import older_code
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL, ControlRefused, times_in_turns
 from stiction.comparisons.truth import PROVEN
-from stiction.cli.app import app
-from stiction.cli.exit_codes import BAD_INPUT, COULD_NOT_RUN, FINE, NOT_COMPARED, REGRESSED
 from stiction.engines.registry import BUILT_IN
 from stiction.engines.shared.friction_cap import FrictionCap
 from stiction.scenes import vary

@@ -6,6 +6,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from stiction.cli.app import app
+from stiction.cli.exit_codes import COULD_NOT_RUN as COULD_NOT_RUN_CODE
+from stiction.cli.exit_codes import NOT_COMPARED, REGRESSED
 from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, updated
 from stiction.comparisons.campaigns.history import open_history
 from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, row_of
@@ -18,9 +21,6 @@ from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
 from stiction.comparisons.random_scenes.night_draws import BATCH, STUDIES, Draw, draws_of_night, sentences_on_draws
 from stiction.comparisons.random_scenes.random_slider_bars import draws
 from stiction.engines import Outcome
-from stiction.cli.app import app
-from stiction.cli.exit_codes import COULD_NOT_RUN as COULD_NOT_RUN_CODE
-from stiction.cli.exit_codes import NOT_COMPARED, REGRESSED
 
 DRAW = Draw("slider-bars", 7, 0, 2)
 CAMPAIGN = """

@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from stiction import comparisons
+from stiction.cli.app import app
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.comparison import Comparison, make, prepare
 from stiction.comparisons.campaigns.participants import (cost_variants, participants, threshold_variants,
@@ -20,7 +21,6 @@ from stiction.engines import Capabilities, Engine, Outcome, Task, engine_names, 
 from stiction.engines.isolation import Job, is_simulation, simulation
 from stiction.engines.pymunk.engine import PymunkEngine
 from stiction.scenes import load_scene
-from stiction.cli.app import app
 
 OWN = {"reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco", "drake", "dart"}
 

@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 from stiction.comparisons.campaigns.baseline import (FORMAT, Baseline, BaselineError, BaselineRefused, load_baseline,
                                                      updated, write_baseline)
 from stiction.comparisons.campaigns.measurement import (GRID, KINDS, MOTION, MOVED, ORDER, PATH, TRUTH, WAYS, Metric,
-                                                        Row,
-                                                        disturbed)
+                                                        Row, disturbed)
 from stiction.comparisons.campaigns.regression import (BETTER, BOUND_HISTORY, COULD_NOT_RUN, FEWEST, FINE, HISTORY,
-                                                       IN_TURNS, NEW, NOT_JUDGED, NOTHING,
-                                                       REGRESSION, Finding, Times, compared, findings, verdict)
+                                                       IN_TURNS, NEW, NOT_JUDGED, NOTHING, REGRESSION, Finding, Times,
+                                                       compared, findings, verdict)
 from stiction.comparisons.campaigns.tolerances import FACTOR, FURTHER, MARGIN, with_rounding
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth

@@ -10,15 +10,15 @@ from pathlib import Path
 import pandas as pd
 import psutil
 import pytest
+from conftest import LONG_STUDIES
 from typer.testing import CliRunner
 
-from conftest import LONG_STUDIES
+from stiction.cli.app import app
 from stiction.comparisons.campaigns.measurement import NOT_RUN
 from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.campaigns.validation import validate
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.studies.study import studies
-from stiction.cli.app import app
 from stiction.engines import Outcome
 from stiction.reports import report_of, write_report
 

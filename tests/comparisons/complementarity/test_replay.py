@@ -8,13 +8,14 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.complementarity import replay as replays
-from stiction.comparisons.complementarity.problems import SOLVED, UNSOLVABLE, Problem, problem_at, read_problems, write_problems
+from stiction.comparisons.complementarity.problems import (SOLVED, UNSOLVABLE, Problem, problem_at, read_problems,
+                                                           write_problems)
 from stiction.comparisons.complementarity.replay import ACCURATE, answer, lemke, load_solver, replay
 from stiction.reference_impl.friction.hlcp import residual
 from stiction.scenes import load_scene
-from stiction.cli.app import app
-from stiction.cli.exit_codes import BAD_INPUT
 
 
 @pytest.fixture(scope="module")

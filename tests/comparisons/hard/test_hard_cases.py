@@ -5,32 +5,31 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from random_mechanisms import extreme_scene
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
-from random_mechanisms import extreme_scene
-
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
 from stiction.comparisons.hard.checks import accepted_start, follows, friction_excess, gap, time_at_rest
 from stiction.comparisons.hard.closed_forms import rod_normal_force
-from stiction.comparisons.hard.examination import (ADAPTER, BEYOND, DECLINED, DECLINED_BY_ADAPTER, DEGRADED, FAILED, IMPULSIVE, INEXPRESSIBLE,
-                                                      METHOD, NOT_INSTALLED, NOT_RUN, READER, RIGHT, UNREAD, WRONG,
-                                                      Examination, _beyond, examine, judge)
+from stiction.comparisons.hard.examination import (ADAPTER, BEYOND, DECLINED, DECLINED_BY_ADAPTER, DEGRADED, FAILED,
+                                                   IMPULSIVE, INEXPRESSIBLE, METHOD, NOT_INSTALLED, NOT_RUN, READER,
+                                                   RIGHT, UNREAD, WRONG, Examination, _beyond, examine, judge)
 from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.hard.table import REFERENCE, hard_variants
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.hard_cases import HOSTILE, present
 from stiction.comparisons.variants import Variant
 from stiction.engines import EngineMissing, load_engine
 from stiction.engines.isolation import Outcome
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import MOST_ROWS, Mechanism
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.hard_cases import HOSTILE, present
 from stiction.scenes import Event, SceneError, Trajectory, catalogue, load_scene, scene_from_dict
-from stiction.cli.app import app
-from stiction.cli.exit_codes import BAD_INPUT
 
 EVENT_DRIVEN = REFERENCE[0]
 LONG = {"1e5 s of case 1"}

@@ -10,9 +10,10 @@ pytest.importorskip("flint", reason="python-flint is not installed: the extra st
 
 import numpy as np
 from flint import arb
-
 from proof_agreement import assert_agreement
+
 from stiction.comparisons.proof import step
+from stiction.comparisons.proof.certificate import read_ball, read_ball_within, read_number
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.one_slider import Contact, OneSlider
@@ -20,7 +21,6 @@ from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.mechanisms.trammel import Trammel
 from stiction.comparisons.proof.motion import prove, prove_scene
 from stiction.comparisons.proof.step import Precision, StateSet
-from stiction.comparisons.proof.certificate import read_ball, read_ball_within, read_number
 from stiction.comparisons.truth import slider_bar_truth, trammel_truth
 from stiction.scenes import load_scene, vary
 

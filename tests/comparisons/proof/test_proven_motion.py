@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 pytest.importorskip("flint", reason="python-flint is not installed: the extra stiction[proof]")
 
 from flint import acb, arb, fmpq
-
 from proof_agreement import assert_agreement, close
+
 from stiction.cli import prove as command
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT, FAILED
@@ -21,8 +21,8 @@ from stiction.comparisons.proof.enclosures.exact import ExactScene, NotComparabl
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
-from stiction.comparisons.proof.motion_certificate import FORMAT, motion_certificate
 from stiction.comparisons.proof.motion import provable, prove, prove_scene
+from stiction.comparisons.proof.motion_certificate import FORMAT, motion_certificate
 from stiction.comparisons.proof.step import Precision, StateSet
 from stiction.comparisons.truth import (NotThisMechanism, moving_guide_truth, non_stop_peak, oscillator_truth,
                                         pendulum_truth, slider_bar_truth, trammel_truth)

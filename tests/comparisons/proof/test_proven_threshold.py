@@ -11,11 +11,12 @@ pytest.importorskip("flint", reason="python-flint is not installed: the extra st
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED
+from stiction.comparisons.proof import theorems
 from stiction.comparisons.proof import threshold as module
-from stiction.comparisons.proof import theorems, threshold_certificate
+from stiction.comparisons.proof import threshold_certificate
+from stiction.comparisons.proof.certificate import NotACertificate, read_certificate, write_certificate
 from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.motion import ProvenMotion
-from stiction.comparisons.proof.certificate import NotACertificate, read_certificate, write_certificate
 from stiction.comparisons.proof.theorems import Contradiction, certificates, with_theorem
 from stiction.comparisons.proof.threshold import ProvenThreshold, decimal, proven_steady_state, proven_threshold
 from stiction.comparisons.proof.threshold_certificate import FORMAT

@@ -17,6 +17,7 @@ from stiction.comparisons.proof.truth import ProvenTruth, certificates
 from stiction.comparisons.proof.truth_certificate import FORMAT, certificate_path, truth_certificate
 from stiction.scenes import load_scene
 
+
 @pytest.fixture(scope="module")
 def claims():
     return truth_certificate(load_scene("slider-bar-case-1", {"t_end": 3}))

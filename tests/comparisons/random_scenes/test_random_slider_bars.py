@@ -8,9 +8,11 @@ import pytest
 from stiction.comparisons.measures import scene_truth
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.random_scenes import random_slider_bars
-from stiction.comparisons.random_scenes.random_slider_bars import (AGREES, GRAZES, REFERENCE_REFUSES, SAME_BREAKDOWN, STUDY, TRUTH_REFUSES,
-                                                                   T_END, UNDECIDED, difference, draws, judge, slider_bar)
-from stiction.comparisons.truth import NO_TRUTH, NoMotion, NotThisMechanism, Undecided, incline_truth, oscillator_truth, slider_bar_truth
+from stiction.comparisons.random_scenes.random_slider_bars import (AGREES, GRAZES, REFERENCE_REFUSES, SAME_BREAKDOWN,
+                                                                   STUDY, T_END, TRUTH_REFUSES, UNDECIDED, difference,
+                                                                   draws, judge, slider_bar)
+from stiction.comparisons.truth import (NO_TRUTH, NoMotion, NotThisMechanism, Undecided, incline_truth,
+                                        oscillator_truth, slider_bar_truth)
 from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation
 from stiction.comparisons.truth.reduced.slider_contact import Contact
 from stiction.engines.registry import load_engine

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 import second_method
+
 from stiction.comparisons.random_scenes import resting_mechanisms
 from stiction.comparisons.random_scenes.one_freedom import NoClearMotion, OneFreedom, simulate
-from stiction.comparisons.random_scenes.resting_mechanisms import (
-    AGREES, FAMILIES, NO_BALANCE, OTHER_EVENTS, OTHER_MOTION, OWN_ERROR, SLIPS, STOPS, drawn, judge, runs)
+from stiction.comparisons.random_scenes.resting_mechanisms import (AGREES, FAMILIES, NO_BALANCE, OTHER_EVENTS,
+                                                                   OTHER_MOTION, OWN_ERROR, SLIPS, STOPS, drawn, judge,
+                                                                   runs)
 from stiction.scenes import Breakdown, load_scene, scene_from_dict
 
 SEED = 26

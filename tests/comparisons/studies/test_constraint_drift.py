@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
-
 from made_up_runs import recomputed, sentences, wrong_numbers
+
 from stiction.comparisons.campaigns.participants import validation_campaign
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.drift import ROUNDING

@@ -10,7 +10,8 @@ import pytest
 from conftest import here
 
 from stiction.comparisons.studies.drift_suppression import suppression_comparison
-from stiction.comparisons.studies.effects import BASELINE, LEFT_OUT, PAIRS, REFERENCE, effects_comparison, effects_variants, toggles
+from stiction.comparisons.studies.effects import (BASELINE, LEFT_OUT, PAIRS, REFERENCE, effects_comparison,
+                                                  effects_variants, toggles)
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import Variant
 from stiction.reference_impl.multibody.equation_blocks import blocks, hlcp_size

@@ -8,14 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.studies import cost as cost_study
-from stiction.comparisons.studies.equal_error import (ADAPTER, FAILED, FALLS, INTEGRATION, MODEL, QUANTITIES, SCENES, SMALLEST, TRUTH, UNKNOWN, equal_error,
-                                                      limit_of, order_of, rounds_to, time_to)
+from stiction.comparisons.studies.equal_error import (ADAPTER, FAILED, FALLS, INTEGRATION, MODEL, QUANTITIES, SCENES,
+                                                      SMALLEST, TRUTH, UNKNOWN, equal_error, limit_of, order_of,
+                                                      rounds_to, time_to)
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.timing.intervals import ratio_interval
 from stiction.comparisons.truth import NO_TRUTH
-from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.scenes import load_scene
 

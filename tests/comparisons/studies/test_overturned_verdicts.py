@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from stiction.comparisons.hard.examination import DEGRADED, RIGHT, WRONG, examine, judge
 from stiction.comparisons.hard import hard_cases
+from stiction.comparisons.hard.examination import DEGRADED, RIGHT, WRONG, examine, judge
 from stiction.comparisons.studies.engine_settings import load_study
 from stiction.comparisons.variants import Variant
 from stiction.engines import Outcome, load_engine

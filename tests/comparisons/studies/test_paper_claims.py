@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 from report_material import study_tables
 
-from stiction.comparisons.measures.steady_stretch import run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.measures.claim_measures import MEASURES, Example, Finding, above, all_of, as_said, below
+from stiction.comparisons.measures.steady_stretch import run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.studies import paper_claims
 from stiction.comparisons.studies.paper_claims import (CHOICES, CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDECIDED,
                                                        Claim, Sensitivity, Views, claims, drift_claims, findings,

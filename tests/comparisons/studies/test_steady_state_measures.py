@@ -82,7 +82,7 @@ def test_block_on_incline_sticks_or_slides_away(factor):
 def test_no_steady_state(values, t_end, reason):
     """Frequencies without a common period; 4 periods that lessen the distance by 2 or 3 each; too short a time."""
     with pytest.raises(NotSettled, match=reason):
-        steady_window(vary(CASE_1, values), SteadyRun(8.0, t_end, 1e-6), ALL).start
+        _ = steady_window(vary(CASE_1, values), SteadyRun(8.0, t_end, 1e-6), ALL).start
 
 
 def test_a_subharmonic_motion_is_periodic():

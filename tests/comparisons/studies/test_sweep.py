@@ -8,23 +8,23 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import called_here
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from swept_tasks import CRASHING, HANGING, treacherous_row
 from typer.testing import CliRunner
 
-from conftest import called_here
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT, FINE
 from stiction.comparisons.campaigns.checkpoint import kept_file
 from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.studies.executors import open_isolate
 from stiction.comparisons.studies.steady_state_measures import MEASURES, SteadyRun, steady_window
 from stiction.comparisons.studies.sweep import Axis, Specification, SweepRefused, parse_axis, sweep
+from stiction.engines import isolate
 from stiction.reports.figures.map import sweep_drawings
 from stiction.reports.figures.style import rc
-from stiction.engines import isolate
 from stiction.scenes import SceneError, load_scene, scene_from_dict
-from stiction.cli.app import app
-from stiction.cli.exit_codes import BAD_INPUT, FINE
 
 CASE_1 = load_scene("slider-bar-case-1")
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-
 from made_up_runs import CASES, VARIANTS, about, cells, record, sentences, wrong_numbers
+
 from stiction.comparisons.presentation.presentation import ANSWER_LENGTH, Presentation
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope

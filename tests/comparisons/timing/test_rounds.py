@@ -17,8 +17,7 @@ from stiction.comparisons.timing import rounds
 from stiction.comparisons.timing.intervals import median_interval, ratio_interval
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL, _ratios
 from stiction.comparisons.timing.rounds import (BLOCK, BUSY, LEAST, LONG, MOST, REPEATS, ROUND, Load, Sample, Timing,
-                                                bare_run,
-                                                 block, in_rounds, load, others, visit)
+                                                bare_run, block, in_rounds, load, others, visit)
 from stiction.comparisons.timing.timed_runs import machine_while_timing, samples_table, time_runs
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines import load_engine

@@ -4,8 +4,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-
 from random_mechanisms import extreme_scene, moderate_scene
+
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.reference_impl.friction import hlcp

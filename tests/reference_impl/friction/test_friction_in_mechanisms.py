@@ -4,10 +4,10 @@ import copy
 
 import numpy as np
 import pytest
+from reference_checks import balance_residual, energy_defect, errors, same_events, simulate, states
 
 from stiction.comparisons.hard.checks import friction_excess
 from stiction.comparisons.truth import moving_guide_truth, slider_bar_truth, trammel_truth
-from reference_checks import balance_residual, energy_defect, errors, same_events, simulate, states
 from stiction.scenes import load_scene, scene_from_dict, vary
 
 

@@ -10,8 +10,8 @@ leave in its place: B + A then accelerate by (F - 2 mu_A m g) / (2 m), and what 
 
 import numpy as np
 import pytest
-
 from reference_checks import simulate
+
 from stiction.scenes import scene_from_dict
 
 L, G = 1.0, 9.81

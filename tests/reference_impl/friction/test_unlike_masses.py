@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
 from random_mechanisms import moderate_scene
 from reference_checks import simulate
+
 from stiction.comparisons.random_scenes.random_slider_bars import difference
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.comparisons.timing.mechanism_families import barred_chain, closed_loop

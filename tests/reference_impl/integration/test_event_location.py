@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reference_checks import simulate
 from scipy.optimize import brentq, linprog, minimize_scalar
 
 from stiction.engines.reference.engine import ReferenceEngine
-from reference_checks import simulate
 from stiction.reference_impl.friction.contact_modes import margin
 from stiction.reference_impl.friction.coulomb import can_jam, capacity
 from stiction.reference_impl.multibody.kinematics import workspace

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from stiction.comparisons.hard.checks import friction_excess
 from random_mechanisms import extreme_scene
 from reference_checks import balance_residual
+
+from stiction.comparisons.hard.checks import friction_excess
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.outcomes import NONE, SINGULAR, SOLVED
 from stiction.reference_impl.integration.event_driven import simulate_event_driven

@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from random_mechanisms import extreme_scene, moderate_scene, turn
+
 from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.engines.reference.engine import ReferenceEngine

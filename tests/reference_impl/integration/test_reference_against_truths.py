@@ -9,14 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 import second_method
+
 from stiction.comparisons.measures import scene_truth
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
-from stiction.comparisons.truth import (HIGH_PRECISION, incline_truth, moving_guide_truth, non_stop_limit, non_stop_peak,
-                                        oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth, stick_slip_cycle,
-                                        trammel_truth)
+from stiction.comparisons.truth import (HIGH_PRECISION, incline_truth, moving_guide_truth, non_stop_limit,
+                                        non_stop_peak, oscillator_truth, pendulum_truth, slider_bar_truth,
+                                        slider_crank_truth, stick_slip_cycle, trammel_truth)
 from stiction.engines import load_engine
 from stiction.reference_impl.integration.coulomb_audit import audit
 from stiction.reference_impl.integration.event_driven import simulate_event_driven

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from second_method import RESERVE, STEPS, TOLERANCE, differences, random_scene, simulate
+
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, scene_from_dict, vary

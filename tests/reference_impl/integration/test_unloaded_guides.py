@@ -11,8 +11,8 @@ from math import acos, copysign, cos, exp, floor, hypot, pi, sin, tan
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-
 from reference_checks import simulate
+
 from stiction.scenes import scene_from_dict
 
 T_END = 7.0

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from reference_checks import along, guide_scene, law_rates, law_values, simulate
+
 from stiction.reference_impl.integration.coulomb_audit import audit
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import scene_from_dict
@@ -84,7 +84,7 @@ def test_table_of_straight_lines():
     scene = scene_from_dict(guide_scene(gravity=(0, 0), forces={
         "load": along([1, 0], type="table", times=list(times), values=list(values))}))
     trajectory = simulate(scene, t_end=3, output_step=0.05, **TIGHT)
-    x, v, expected, start = 0.0, 0.0, np.empty(len(trajectory.t)), 0.0
+    x, v, expected = 0.0, 0.0, np.empty(len(trajectory.t))
     for a, b, fa, fb in zip(times, [*times[1:], 3.0], values, [*values[1:], values[-1]]):
         inside = (trajectory.t >= a) & (trajectory.t <= b + 1e-12)
         s, slope = trajectory.t[inside] - a, (fb - fa) / (b - a)

@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
+from reference_checks import along, guide_scene, simulate
 
 from stiction.engines.reference.engine import ReferenceEngine
-from reference_checks import along, guide_scene, simulate
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import SceneError, load_scene, scene_from_dict

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 
-from stiction.comparisons.timing.mechanism_families import barred_chain, closed_loop, independent_slider_bars, sprung_chain
+from stiction.comparisons.timing.mechanism_families import (barred_chain, closed_loop, independent_slider_bars,
+                                                            sprung_chain)
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.friction.mode_transition import choose_mode

@@ -46,7 +46,7 @@ def python(wheel, compiled, tmp_path_factory):
     zipfile.ZipFile(wheel).extractall(packages)
     for machine_code in (path for name in FOLDERS for path in (ROOT / name).rglob("*.nb?")):  # of the same sources: saves compiling
         place = packages / "stiction" / machine_code.relative_to(ROOT)
-        place.parent.mkdir(exist_ok=True)
+        place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(machine_code, place)
     return environment / "bin" / "python" if os.name == "posix" else environment / "Scripts" / "python.exe"
 

@@ -113,7 +113,7 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
         Called with the number of runs, those of the rounds that are sure to come included, and each outcome.
     isolated
         Makes the runs, `stiction.engines.isolate` where None: `checkpoint.KeptRuns.isolate` keeps each outcome,
-        `stiction.comparisons.studies.executors.open_isolate` has one that makes them on a cluster.
+        `stiction.comparisons.campaigns.executors.open_isolate` has one that makes them on a cluster.
     timed_by
         Makes those that are timed again, on this machine; `isolated` where None.
     """

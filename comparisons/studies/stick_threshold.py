@@ -47,6 +47,8 @@ FIRST_STEP, FIRST_PART = 8, 0.02
 that it begins at."""
 LOCATED_WIDTH = 1e-9
 """N; width of the bracket of an engine with located events."""
+MOST_NAMED = 3
+"""Methods that the answer names one by one."""
 TRUTH = "threshold truth"
 """Name of the comparison that `plan` requires."""
 MIDDLE, ERROR, UNCERTAINTY = "F0 threshold [N]", "error [N]", "uncertainty [N]"
@@ -335,10 +337,12 @@ def present(results: Results) -> Presentation:
     row = int(measured.index[0])
     truth = Number(known(table.at[row, "truth [N]"], table.at[row, "truth uncertainty [N]"]), "threshold", "truth [N]",
                    rows=(row + 1,))
-    clearly = finest.loc[finest[ERROR].abs() > finest[UNCERTAINTY], "variant"]
-    methods = listed([traced("{} ({} N)", called(variant), off[variant]) for variant in clearly])
+    clearly = finest[finest[ERROR].abs() > finest[UNCERTAINTY]].sort_values(ERROR, key=abs, kind="stable")["variant"]
+    methods = [traced("{} ({} N)", called(variant), off[variant]) for variant in clearly]
+    if len(methods) > MOST_NAMED:  # the table has those between
+        methods = [traced("from {} to {}", methods[0], methods[-1])]
     answer = traced("The slider sticks up to F0 = {} N. {}", truth,
-                    traced("Clearly off: {}.", methods) if methods else "No method is clearly off.")
+                    traced("Clearly off: {}.", listed(methods)) if methods else "No method is clearly off.")
     installed = table.loc[table["status"] != MISSING_ENGINE, "variant"].unique()
     none = [called(variant) for variant in installed if variant not in off]
     findings = [traced("No threshold was found for {}.", listed(none))] if none else []

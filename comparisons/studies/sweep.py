@@ -293,7 +293,7 @@ def sweep(specification: Specification, folder: str | Path, *, workers: int | No
     folder
         Made if it does not exist; see `check_folder`.
     workers, made_by
-        Tasks at a time, and their runner: see `stiction.comparisons.studies.executors.open_isolate`.
+        Tasks at a time, and their runner: see `stiction.comparisons.campaigns.executors.open_isolate`.
     on_start, on_result
         Called with the number of points, and with the outcome of each.
 

@@ -35,9 +35,9 @@ def validate(quick: Quick = False, full: Full = False, engines: Engines = [], wo
                  metavar="DIR", help="Folder of the report; runs/<date-time> if not given.")] = None) -> None:
     """Compare reference and engines with the truth on the paper's three cases, and write a report."""
     from stiction.comparisons.campaigns.checkpoint import kept_runs
+    from stiction.comparisons.campaigns.executors import open_isolate
     from stiction.comparisons.campaigns.validation import validate as run_campaign
     from stiction.comparisons.depth import Depth
-    from stiction.comparisons.studies.executors import open_isolate
     from stiction.engines import engine_names
     from stiction.reports import REPORT, check_folder, report_of, write_report
 
@@ -108,9 +108,9 @@ def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine
                 metavar="DIR", help="Folder of history.sqlite and of a folder per night.")] = Path("nightly")) -> None:
     """Run a campaign, or the rest of an interrupted night, add it to the history, and report what changed."""
     from stiction.comparisons.campaigns.baseline import load_baseline
+    from stiction.comparisons.campaigns.executors import open_isolate
     from stiction.comparisons.campaigns.history import HistoryRefused
     from stiction.comparisons.campaigns.nightly import run_night
-    from stiction.comparisons.studies.executors import open_isolate
     from stiction.reports.markdown.regression_report import write_night
 
     def publish(result: Result) -> None:

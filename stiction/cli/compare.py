@@ -103,8 +103,8 @@ def _subject(study: Study, scene: str, overrides: Sequence[str], assemble: bool)
 
 def _made(study: Study, scope: Scope, workers: int | None, timeout: float, executor: str) -> Results:
     from stiction.comparisons.campaigns.comparison import make
+    from stiction.comparisons.campaigns.executors import open_isolate
     from stiction.comparisons.campaigns.validation import planned, union
-    from stiction.comparisons.studies.executors import open_isolate
     from stiction.engines import isolate
 
     about = scope.scenes[0].name if scope.scenes else study.title

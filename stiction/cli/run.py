@@ -115,8 +115,8 @@ def sweep(scene: SceneName,
 
     A motion that neither rests nor repeats itself has none, and its point no number.
     """
+    from stiction.comparisons.campaigns.executors import check_executor, open_isolate
     from stiction.comparisons.studies import sweep as sweeps
-    from stiction.comparisons.studies.executors import check_executor, open_isolate
     from stiction.comparisons.studies.steady_state_measures import SteadyRun
 
     loaded = scene_of(scene, overrides)

@@ -240,7 +240,7 @@ class TestEffects:
             raise AssertionError("friction machinery in a scene without friction")
 
         monkeypatch.setattr(stepping, "FrictionalGuide", never)
-        monkeypatch.setattr(stepping.Stepper, "_post_newton", never)
+        monkeypatch.setattr(stepping.Stepper, "_judge", never)
         trajectory = engine.simulate(load_scene("slider-bar-case-1-frictionless"), t_end=0.2)
         assert "friction" not in trajectory.settings and not trajectory.events
         assert trajectory.cost.counters["steps"] == 100

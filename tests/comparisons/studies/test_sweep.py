@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT, FINE
 from stiction.comparisons.campaigns.checkpoint import kept_file
+from stiction.comparisons.campaigns.executors import open_isolate
 from stiction.comparisons.measures.settling import NotSettled
-from stiction.comparisons.studies.executors import open_isolate
 from stiction.comparisons.studies.steady_state_measures import MEASURES, SteadyRun, steady_window
 from stiction.comparisons.studies.sweep import Axis, Specification, SweepRefused, parse_axis, sweep
 from stiction.engines import isolate

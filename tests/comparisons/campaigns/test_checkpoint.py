@@ -21,10 +21,10 @@ from stiction.cli.campaign import _end_runs
 from stiction.cli.exit_codes import INTERRUPTED, TERMINATED, Terminated, first_signal
 from stiction.comparisons import digest
 from stiction.comparisons.atomic_files import NotWritten
+from stiction.comparisons.campaigns import executors
 from stiction.comparisons.campaigns.checkpoint import KeptRefused, kept_file, kept_runs
 from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.depth import Depth
-from stiction.comparisons.studies import executors
 from stiction.engines import EngineFailure, Task, isolate
 from stiction.reports import write_report
 from stiction.scenes import load_scene, vary
@@ -259,7 +259,7 @@ if __name__ == "__main__":
     from stiction.cli import app, exit_codes
     from stiction.comparisons.campaigns.participants import variants
     from stiction.comparisons.depth import Depth
-    from stiction.comparisons.studies import executors
+    from stiction.comparisons.campaigns import executors
 
     whole = executors.isolate
 

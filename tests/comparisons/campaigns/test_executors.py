@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
+from stiction.comparisons.campaigns import executors
 from stiction.comparisons.campaigns.executors import open_isolate
-from stiction.comparisons.studies import executors
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.timing.rounds import visit
 from stiction.comparisons.variants import Variant

@@ -149,7 +149,7 @@ class ReferenceEngine(Engine):
 def _rows_that_are_motion(run: Run, size: float) -> int:
     """All rows of a run to its end.
 
-    Of one that broke down those before the first that is not finite, or further off the constraints than `size`.
+    After a breakdown those before the first that is not finite, or further off the constraints than `size`.
 
     A fixed step that is unstable overflows within a step or two, and writes them on its way out.
     """

@@ -1,6 +1,6 @@
 """Friction of sliders that an engine holds by contacts.
 
-What the contacts of each guide tell of it, and the coefficient that they get.
+Sums over the contacts of each guide, and the coefficient that they get.
 """
 
 from __future__ import annotations

@@ -384,7 +384,7 @@ def _begin(cap, t, q, v, ahead):
 def _judge(cap, a):
     """Take in an attempt, whose slip speeds the guides have, and its accelerations.
 
-    Whether the step is to be repeated.
+    Returns True where the step is to be repeated.
     """
     guides, balance, m, attempts = cap.guides, cap.balance, cap.balance.m, cap.attempts
     for i in range(len(guides)):

@@ -69,7 +69,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
 def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:
     """A process that compiles them from the last to the first; none where it cannot be started.
 
-    What it fails at, this one will say.
+    Its failures are reported by this one.
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:

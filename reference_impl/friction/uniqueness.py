@@ -71,7 +71,7 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
 def _respond(m, w, slip, released, compliance):
     """Change of the forces of the constraint rows per unit of friction on each guide that slips, into w.response.
 
-    Whether regular.
+    Returns True where the system is regular.
     """
     nr, nf, G = m.rows, len(m.friction), w.G
     if len(m.cell):

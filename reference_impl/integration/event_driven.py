@@ -633,7 +633,7 @@ def _begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
 def _look_behind(m, w, s):
     """Row forces and event functions BEHIND a step after the state, with the branches that are the largest there.
 
-    Y' of the state is in K[0].
+    The state's y' is in K[0].
     """
     h = BEHIND * s.attempt.h
     for k in range(len(s.y)):

@@ -48,7 +48,7 @@ def friction_row(m, w, A, f, n, reach, c_R, c_T):
 def solve_bilateral(m, w, c, residual):
     """Forces of the constraint rows of a cell that change Phi'' by `residual`, without friction, into w.force.
 
-    Whether regular.
+    Returns True where the system is regular.
     """
     band, first = m.cell[c].band, m.cell[c].first
     n = fill_cell(m, w, c, band, w.A)

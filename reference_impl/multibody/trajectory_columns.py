@@ -119,7 +119,7 @@ def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tup
 def imbalance(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, force: Table) -> tuple[Reals, Reals]:
     """Remainder of Newton's and Euler's equations at times t (n,), and the largest term in them.
 
-    Sqrt(kg) m/s^2, as `dynamics.largest_force`.
+    Both in sqrt(kg) m/s^2, as `dynamics.largest_force`.
 
     q, v, a of shape (n, 3 * bodies); row forces as of `build_columns`. The largest over all coordinates, each in units
     of the square root of its mobility: N and N m have no order.

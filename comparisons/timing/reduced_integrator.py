@@ -150,7 +150,8 @@ def _break_away(p, t, x, t_end):
 
 
 @njit(cache=True, error_model="numpy")
-def _length_to_event(p, t, h, x, v, s, s1, s2, kx, kv, event, which, at_low, at_high):  # noqa: PLR0913 - as for a kernel
+def _length_to_event(p, t, h, x, v, s, s1, s2, kx, kv, event,  # noqa: PLR0913 - as a kernel
+                     which, at_low, at_high):
     """Length of the step that ends where event function `which` is zero (Illinois), and the number of steps tried."""
     low, high, side, trial = 0.0, h, 0, h
     for i in range(60):

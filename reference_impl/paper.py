@@ -2,28 +2,27 @@
 
 Dense NumPy, in the paper's order and with its symbols, nothing compiled.
 
-Read this beside the paper; `hlcp` and `paper_scheme` are the same for many guides, redundant constraints and speed. It
+Read this with the paper; `hlcp` and `paper_scheme` are the same for many guides, redundant constraints and speed. It
 has what the paper has: revolute joints, sliders with corner forces on fixed or moving guides, drives, springs, loads,
 Baumgarte's stabilization.
 
-=============== =========================== ======================================================= =======
-================== paper           here                        what
-unit    compiled =============== =========================== =======================================================
-======= ================== q, q'           q, v                        x, y, angle of each body, and rates
-m, rad  mechanism.py M, QE           M, QE                       masses; applied forces, (21)
-kg, N   dynamics.py Phi, J, gamma   phi, J, gamma               constraints [CR; CT; D], (20); Phi'' = J q'' + gamma
-m, rad  kinematics.py lCR, lCT, lD    lambda_C                    reactions of joints, guides, drives, (22), (26)
-N, N m  dynamics.py F+, F-          F_plus, F_minus             corner forces, at -a/2 and +a/2, >= 0, (1)-(2)
-N       hlcp.py H, G            H, G                        which corners load which surface, FN = H F+ + G F-      1
-hlcp.py S, K            S, K                        lCT = S F+ + K F-, K = -S, (26)                         1, m
-hlcp.py W_T, gT'        W_T, mode                   sliding of the surfaces (+), (-), (8)-(9); sgn gT'      1, m
-kinematics.py mubar, V        mubar, V                    -mu sgn gT' of slipping surfaces; which stick, (11)     1
-hlcp.py muH, mt         muH, mt                     V^T mus, (14); mubar - V muH                            1
-hlcp.py lH+, lH-        lH_plus, lH_minus           mus FN +- lambda_H, >= 0, (14)                          N
-hlcp.py gH+, gH-        gH_plus, gH_minus           gH'' = gH+ - gH-, >= 0, (16)                            m/s^2
-hlcp.py A0, A1, b       A0, A1, b                   A0 y = A1 x + b, y, x >= 0, y^T x = 0, (36)-(38)
-hlcp.py =============== =========================== ======================================================= =======
-==================
+=============== ==================== ======================================================= ======= ==================
+paper           here                 what                                                    unit    compiled
+=============== ==================== ======================================================= ======= ==================
+q, q'           q, v                 x, y, angle of each body, and rates                     m, rad  mechanism.py
+M, QE           M, QE                masses; applied forces, (21)                            kg, N   dynamics.py
+Phi, J, gamma   phi, J, gamma        constraints [CR; CT; D], (20); Phi'' = J q'' + gamma    m, rad  kinematics.py
+lCR, lCT, lD    lambda_C             reactions of joints, guides, drives, (22), (26)         N, N m  dynamics.py
+F+, F-          F_plus, F_minus      corner forces, at -a/2 and +a/2, >= 0, (1)-(2)          N       hlcp.py
+H, G            H, G                 which corners load which surface, FN = H F+ + G F-      1       hlcp.py
+S, K            S, K                 lCT = S F+ + K F-, K = -S, (26)                         1, m    hlcp.py
+W_T, gT'        W_T, mode            sliding of the surfaces (+), (-), (8)-(9); sgn gT'      1, m    kinematics.py
+mubar, V        mubar, V             -mu sgn gT' of slipping surfaces; which stick, (11)     1       hlcp.py
+muH, mt         muH, mt              V^T mus, (14); mubar - V muH                            1       hlcp.py
+lH+, lH-        lH_plus, lH_minus    mus FN +- lambda_H, >= 0, (14)                          N       hlcp.py
+gH+, gH-        gH_plus, gH_minus    gH'' = gH+ - gH-, >= 0, (16)                            m/s^2   hlcp.py
+A0, A1, b       A0, A1, b            A0 y = A1 x + b, y, x >= 0, y^T x = 0, (36)-(38)                hlcp.py
+=============== ==================== ======================================================= ======= ==================
 
 Where the paper is silent the choices are those of `paper_scheme`.
 """

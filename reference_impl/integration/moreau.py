@@ -7,10 +7,9 @@ length has its point between two surfaces. With clearance c the slider can move 
 v) to (q+, v+), with q_M = q + dt/2 v:
 
     M (v+ - v) = dt Q(t_M, q_M, v) + J^T P + W_N P_N + W_T P_T ,    q+ = q_M + dt/2 v+
-    J v+ + Phi_t = -Phi/dt                               pins, drives, angle of a slider without length, all at (t_M,
-    q_M) 0 <= P_N  _|_  W_N^T v+ + e W_N^T v >= 0              contacts with g(q_M) <= 0; e: Newton's coefficient of
-    restitution P_T in mu P_N [-1, 1],  -W_T^T v+ in its normal cone  Coulomb's law; there is one coefficient, mus is
-    not used
+    J v+ + Phi_t = -Phi/dt                       pins, drives, angle of a slider without length, all at (t_M, q_M)
+    0 <= P_N  _|_  W_N^T v+ + e W_N^T v >= 0     contacts with g(q_M) <= 0; e: Newton's coefficient of restitution
+    P_T in mu P_N [-1, 1],  -W_T^T v+ in its normal cone     Coulomb's law; there is one coefficient, mus is not used
 
 Bilateral impulses are eliminated. What is left is a linear complementarity problem with P_T = b1 - b2 and the largest
 slip l of a contact (Stewart & Trinkle, Int. J. Numer. Methods Eng. 39 (1996) 2673-2691, one direction in the plane),

@@ -9,13 +9,14 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from stiction.engines.examined import POSITIONS, VELOCITIES, Examined, Predicate, first
+from stiction.engines.examined import POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, first
 from stiction.reference_impl.multibody.initial_state import CONSISTENT
 from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Mechanism
-from stiction.reference_impl.multibody.trajectory_columns import (BODY_COLUMNS, GUIDE_COLUMNS, guide_motion, imbalance,
-                                                                  residual_norms)
+from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL
+from stiction.reference_impl.multibody.trajectory_columns import GUIDE_COLUMNS, guide_motion, imbalance, residual_norms
 from stiction.scenes import Event
+from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.trajectory import stacked
 
 START = 1e-6
 """Distance of the first state from the scene's start at most, relative to the mechanism's size (velocities: to size per
@@ -26,8 +27,6 @@ DRIFT = 1e-6
 absolute."""
 SAME = 1e-6
 """Relative accuracy of a column that others define, to the largest of its kind: engines of single precision have it."""
-SAME_TIME = 1e-9
-"""Accuracy of times, relative to the end of the run."""
 ENGINES_OWN = 1e-2
 """Relative accuracy of what an engine measures in two ways: the forces of its contacts and of its joints, and the state
 on both sides of an event, which one of fixed step has from two steps. Steps of a hundredth of a second leave a
@@ -52,39 +51,33 @@ def start(run: Examined) -> Iterator[str]:
     """The first state is the scene's start where that meets the constraints; else the engine may assemble."""
     if not len(run.found.t):
         return
-    q, v = _states(run, run.found.columns, slice(0, 1))
-    bodies = {body: state for part in run.parts
-              for body, *state in zip(part.body_names, *(values.reshape(-1, 3) for values in part.initial_state()))}
-    start_q, start_v = (np.concatenate([bodies[body][k] for body in run.scene.bodies])[None] for k in range(2))
-    [position], [velocity] = _residuals(run, np.zeros(1), start_q, start_v)
-    speed = max(run.size, float(np.max(np.abs(start_v))))
+    (q, v, _), (start_q, start_v) = run.motion, run.start
+    [position], [velocity] = _residuals(run, np.zeros(1), start_q[None], start_v[None])
+    speed = _speed(run, start_v)
     if position > CONSISTENT * run.size or velocity > CONSISTENT * speed:
         return
-    for values, expected, labels, size in ((q, start_q, POSITIONS, run.size), (v, start_v, VELOCITIES, speed)):
+    for values, expected, labels, size in ((q[0], start_q, POSITIONS, run.size), (v[0], start_v, VELOCITIES, speed)):
         if (i := first(~(np.abs(values - expected) <= START * size))) is not None:
-            yield (f"a start that is not the scene's: {run.columns(labels)[i]} = {values[0, i]:.9g}; expected "
-                   f"{expected[0, i]:.9g} within {START * size:.1g}")
+            yield (f"a start that is not the scene's: {run.columns(labels)[i]} = {values[i]:.9g}; expected "
+                   f"{expected[i]:.9g} within {START * size:.1g}")
 
 
 def residuals(run: Examined) -> Iterator[str]:
     """States on the constraints at the start, near them later, with the residuals that the drift columns report."""
     if not len(t := run.found.t):
         return
-    q, v = _states(run, run.found.columns)
+    q, v, _ = run.motion
     found = _residuals(run, t.astype(float), q, v)
     if (i := first(~(found[0] <= run.size))) is not None and run.scene.joints | run.scene.drives:
         yield (f"states that have left the mechanism: {found[0][i]:.3g} m off the constraints at t = {t[i]:.9g} s; "
-               "expected "
-               f"less than its size, {run.size:.3g} m")
-    start_speed = max(float(np.max(np.abs(part.initial_state()[1]))) for part in run.parts)
-    sizes = (run.size, max(run.size, start_speed))
+               f"expected less than its size, {run.size:.3g} m")
+    sizes = (run.size, _speed(run, run.start[1]))
     for name, residual, size, unit in zip(("drift.position", "drift.velocity"), found, sizes, ("m", "m/s")):
         if not residual[0] <= START * size:
             yield f"a start that is {residual[0]:.3g} {unit} off the constraints; expected at most {START * size:.1g}"
         if (i := first(~_agrees(run.found[name], residual, size))) is not None:
             yield (f"{name} = {run.found[name][i]:.6g} at t = {t[i]:.9g} s; expected {residual[i]:.6g}, the residual "
-                   "of its "
-                   "states")
+                   "of its states")
 
 
 def residuals_at_events(run: Examined) -> Iterator[str]:
@@ -98,7 +91,7 @@ def residuals_at_events(run: Examined) -> Iterator[str]:
     t = np.array([time for _, time, _ in sides], dtype=float)
     q, v = (np.array([[side[name] for name in labels] for *_, side in sides], dtype=float)
             for labels in (position, velocity))
-    sizes = (run.size, max(run.size, float(np.max(np.abs(v)))))
+    sizes = (run.size, _speed(run, v))
     for name, residual, size in zip(("drift.position", "drift.velocity"), _residuals(run, t, q, v), sizes):
         reported = np.array([side[name] for *_, side in sides], dtype=float)
         if (i := first(~_agrees(reported, residual, size))) is not None:
@@ -117,8 +110,7 @@ def velocities(run: Examined) -> Iterator[str]:
     as of a box that rattles in its guide, are not judged: engines correct positions by as much.
     """
     found, size = run.found, run.size
-    q, v, a = (np.stack([factor * found[f"{body}.{label}"].astype(float) for body in run.scene.bodies
-                         for label, factor in zip(labels, (1.0, 1.0, size))], axis=1) for labels in BODY_COLUMNS)
+    q, v, a = (values * np.tile([1.0, 1.0, size], len(run.scene.bodies)) for values in run.motion)
     steps = np.diff(found.t.astype(float))
     seen = _changes(steps, v, a) < np.linalg.norm(v[1:] + v[:-1], axis=1) / 2
     if not seen.any():
@@ -146,7 +138,7 @@ def velocities(run: Examined) -> Iterator[str]:
 def displacements(run: Examined) -> Iterator[str]:
     """Displacements and slip velocities of guides are those of the states."""
     for part in run.parts:
-        q, v, _ = _of_bodies(run.found.columns, part)
+        q, v = (stacked(run.found.columns, part.body_names, labels) for labels in (POSITIONS, VELOCITIES))
         sizes = [max(part.arrays.length_scale, float(np.max(np.abs(values)))) for values in (q, v)]
         for k, name in enumerate([*part.scene.joints, *part.scene.drives]):
             if part.arrays.constraint[k]["kind"] != TRANSLATIONAL:
@@ -167,7 +159,7 @@ def balance(run: Examined) -> Iterator[str]:
         joined = {name: np.concatenate([found[name].astype(float), [side[name] for *_, side in sides]])
                   for name in needed}
         t = np.concatenate([found.t.astype(float), [time for _, time, _ in sides]])
-        q, v, a = map(np.ascontiguousarray, _of_bodies(joined, part))
+        q, v, a = (np.ascontiguousarray(stacked(joined, part.body_names, labels)) for labels in BODY_COLUMNS)
         force = np.ascontiguousarray(np.stack([joined[name] for name in rows], axis=1))
         left, size = imbalance(part.arrays, workspace(part.arrays), t, q, v, a, force)
         largest = np.max(size[np.isfinite(size)], initial=0.0)
@@ -241,7 +233,7 @@ def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator
     t, values = run.found.t, run.found[column]
     times = np.array([event.time for event in own])
     mode = np.array([own[0].before[column], *(event.after[column] for event in own)])
-    earliest, latest = (np.searchsorted(times, t + sign * SAME_TIME * t[-1], side)
+    earliest, latest = (np.searchsorted(times, t + sign * ROUNDING * t[-1], side)
                         for sign, side in ((-1, "left"), (1, "right")))
     for i in np.flatnonzero((values != mode[earliest]) & (values != mode[latest])):
         if values[i] not in mode[earliest[i]:latest[i] + 1]:
@@ -361,10 +353,9 @@ PREDICATES: tuple[Predicate, ...] = (start, residuals, residuals_at_events, *map
     velocities, displacements, balance, corner_forces, modes, unreported_events, cone, continuity)))
 
 
-def _states(run: Examined, values: Mapping[str, np.ndarray], rows: slice = slice(None)) -> list[np.ndarray]:
-    """Positions and velocities of all bodies, each (n, 3 * bodies)."""
-    return [np.stack([values[name][rows] for name in run.columns(labels)], axis=1).astype(float)
-            for labels in (POSITIONS, VELOCITIES)]
+def _speed(run: Examined, v: np.ndarray) -> float:
+    """Scale of velocities: the size per second, or the largest of these."""
+    return max(run.size, float(np.max(np.abs(v))))
 
 
 def _residuals(run: Examined, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -382,13 +373,6 @@ def _residuals(run: Examined, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np
 def _agrees(reported: np.ndarray, residual: np.ndarray, size: float) -> np.ndarray:
     with np.errstate(over="ignore", invalid="ignore"):
         return np.abs(reported - residual) <= DRIFT * (size + residual)
-
-
-def _of_bodies(values: Mapping[str, np.ndarray], part: Mechanism) -> list[np.ndarray]:
-    """Positions, velocities and accelerations of a part, each (n, 3 * bodies)."""
-    return [np.stack([np.asarray(values[f"{body}.{label}"], dtype=float) for body in part.body_names
-                      for label in labels],
-                     axis=1) for labels in BODY_COLUMNS]
 
 
 def _changes(h: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiction.scenes import Scene, Trajectory
+from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.trajectory import stacked
 
 if TYPE_CHECKING:
     from stiction.reference_impl.multibody.mechanism import Mechanism
 
-POSITIONS, VELOCITIES, ACCELERATIONS = ("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")
+POSITIONS, VELOCITIES, ACCELERATIONS = BODY_COLUMNS
 ROUNDING = 1e-9
 """Accuracy of times, relative to the end of the run: sums of 1e6 steps are off by 1e6 eps = 2e-10."""
 OWN_STEP = 0.01
@@ -78,6 +80,19 @@ class Examined:
     def size(self) -> float:
         """Length of the largest mechanism, m."""
         return max(part.arrays.length_scale for part in self.parts)
+
+    @cached_property
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates and velocities of the scene's start, each (3 * bodies,)."""
+        bodies = {body: state for part in self.parts
+                  for body, *state in zip(part.body_names, *(values.reshape(-1, 3) for values in part.initial_state()))}
+        q, v = (np.concatenate([bodies[body][k] for body in self.scene.bodies]) for k in range(2))
+        return q, v
+
+    @cached_property
+    def motion(self) -> tuple[np.ndarray, ...]:
+        """Coordinates, velocities and accelerations of all bodies, each (n, 3 * bodies)."""
+        return tuple(stacked(self.found.columns, self.scene.bodies, labels) for labels in BODY_COLUMNS)
 
     def columns(self, labels: tuple[str, ...]) -> list[str]:
         """Names of the columns of all bodies with these labels."""

@@ -15,6 +15,8 @@ import numpy as np
 from stiction.engines.examined import (ACCELERATIONS, POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, described,
                                        first, is_number)
 from stiction.scenes import Breakdown, Cost, Event, Scene, Trajectory
+from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.trajectory import stacked
 from stiction.scenes.wording import names
 
 GAP = 2.0
@@ -155,8 +157,7 @@ def _left_open(run: Examined) -> dict[str, np.ndarray]:
 
     found, left_open = run.found, {}
     for part in run.parts:
-        motion = [np.stack([found[f"{body}.{label}"] for body in part.body_names for label in labels], axis=1)
-                  for labels in (POSITIONS, VELOCITIES, ACCELERATIONS)]
+        motion = [stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS]
         frictions = {f"{name}.friction": found[f"{name}.friction"] for name in part.guide_names}
         if any(np.isinf(values).any() for values in frictions.values()) or not np.isfinite(motion).all():
             continue

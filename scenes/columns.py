@@ -24,6 +24,8 @@ class Column:
     where: str = ""
 
 
+BODY_COLUMNS = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
+"""Columns of a body's coordinates, velocities and accelerations."""
 _FRICTION, _LENGTH = "with friction", "with a length"
 COLUMNS = (
     Column("BODY", ("x", "y"), "m", "centre of mass"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -50,6 +51,12 @@ class Event:
     def jump(self, column: str) -> float:
         """Value after minus value before."""
         return self.after[column] - self.before[column]
+
+
+def stacked(columns: Mapping[str, np.ndarray], bodies: Iterable[str], labels: Iterable[str]) -> np.ndarray:
+    """Columns of bodies as one array, (n, bodies * labels), body by body."""
+    names = [f"{body}.{label}" for body, label in product(bodies, labels)]
+    return np.stack([np.asarray(columns[name], dtype=float) for name in names], axis=1)
 
 
 def rows_of(columns: Mapping[str, np.ndarray]) -> list[dict[str, float]]:

@@ -28,6 +28,7 @@ import numpy as np
 
 from stiction.comparisons.atomic_files import whole_file
 from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes.columns import BODY_COLUMNS
 
 if TYPE_CHECKING:
     from stiction.reference_impl.integration.result import Run
@@ -108,7 +109,7 @@ def _states(scene: Scene, run: Trajectory | Run, everywhere: bool) -> Iterator[t
         yield 0.0, *Mechanism(scene, "none").initial_state()
         return
     names = [[f"{body}.{label}" for body in scene.bodies for label in labels]
-             for labels in (("x", "y", "angle"), ("vx", "vy", "omega"))]
+             for labels in BODY_COLUMNS[:2]]
     chosen = range(len(run.t)) if everywhere else (0, -1)
     rows = [(run.t[i], {name: values[i] for name, values in run.columns.items()}) for i in chosen]
     for event in run.events if everywhere else run.events[:PER_RUN - 2]:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.stats import t as student
+
+from stiction.comparisons.measures.power_law import CONFIDENCE, fitted_exponent
 
 GROWS, BOUNDED, ROUNDED, INCONCLUSIVE = "grows", "bounded", "rounding", "inconclusive"
-CONFIDENCE = 0.95
 WALKS, PER_OCTAVE = 2000, 32
 """Random walks from which the spread of one is known, and instants of each octave."""
 FEWEST = 3
@@ -82,9 +82,10 @@ def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np
         return Growth(np.nan, np.nan, np.nan, np.nan, ROUNDED, until, tuple(octaves))
     if len(seen) < FEWEST or not are_successive:
         return Growth(np.nan, np.nan, np.nan, np.nan, INCONCLUSIVE, until, tuple(octaves))
-    sizes = np.log([size for _, size in seen])
-    exponent, uncertainty = _line(sizes)
-    spread, walk = float(np.ptp(sizes)), walk_spread(len(seen))
+    ends, sizes = np.array(seen).T
+    law = fitted_exponent([(ends, sizes)])
+    exponent, uncertainty = law.value, law.uncertainty
+    spread, walk = float(np.ptp(np.log(sizes))), walk_spread(len(seen))
     is_bounded = spread < walk and exponent + uncertainty < 0.5
     verdict = BOUNDED if is_bounded else GROWS if exponent > uncertainty else INCONCLUSIVE
     return Growth(exponent, uncertainty, spread, walk, verdict, until, tuple(octaves))
@@ -106,12 +107,3 @@ def walk_spread(octaves: int) -> float:
     weights = np.diff(times).reshape(octaves, PER_OCTAVE)
     sizes = np.sqrt(np.sum(walks ** 2 * weights, axis=2) / np.sum(weights, axis=1))
     return float(np.quantile(np.ptp(np.log(sizes), axis=1), (1 - CONFIDENCE) / 2))
-
-
-def _line(y: np.ndarray) -> tuple[float, float]:
-    """Exponent, and half its interval, of the logarithms of sizes in successive octaves."""
-    x = np.arange(len(y)) * np.log(2)
-    x = x - x.mean()
-    slope = x @ y / (x @ x)
-    spread = np.sqrt(np.sum((y - y.mean() - slope * x) ** 2) / (len(x) - 2) / (x @ x))
-    return float(slope), float(student.ppf((1 + CONFIDENCE) / 2, len(x) - 2) * spread)

@@ -20,6 +20,7 @@ from stiction.comparisons.random_scenes.one_freedom import (LONGEST_STEP, TOLERA
                                                             simulate)
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_from_dict
+from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute
 
@@ -287,7 +288,7 @@ def _answer(motion: Motion, run: Trajectory, k: int) -> float:
         return 0.0
     names = m.scene.bodies
     q, v = (np.array([run[f"{name}.{key}"][k] for name in names for key in keys])
-            for keys in (("x", "y", "angle"), ("vx", "vy", "omega")))
+            for keys in BODY_COLUMNS[:2])
     residual, J = (values[:-len(m.guides)] for values in m.rows(q)[:2])
     accelerated = 2 * law["alpha"] * J @ v + law["beta"] ** 2 * residual
     return float(np.max(np.abs(np.linalg.solve(J / m.mass @ J.T, accelerated))))

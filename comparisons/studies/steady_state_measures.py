@@ -21,8 +21,8 @@ from stiction.reference_impl.integration.event_driven import Integration, Option
 from stiction.reference_impl.integration.result import Run
 from stiction.reference_impl.multibody.initial_state import consistent_start, with_consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.reference_impl.multibody.trajectory_columns import BODY_COLUMNS
 from stiction.scenes import Scene, Trajectory
+from stiction.scenes.columns import BODY_COLUMNS
 
 SAMPLE_STEP = 0.01
 """s; largest distance of the samples that a peak is taken from. Between two of them a peak of a sine of frequency w is

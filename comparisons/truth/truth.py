@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiction.scenes import Event, InputError, Scene, StictionError
+from stiction.scenes.columns import BODY_COLUMNS
 
 PROVEN = "proven"
 CLOSED_FORM = "closed form"
@@ -17,7 +18,6 @@ NO_TRUTH = "none"
 """Tier where nothing is known; the note says why."""
 SIDES = ("before", "after")
 EPS = np.finfo(float).eps
-_BODY_COLUMNS = ("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")
 SAMPLES = 2401
 """Instants at which the truth of a stored run is known, over the whole of its time: every 10 ms of 24 s."""
 
@@ -120,5 +120,5 @@ class Truth:
 
 def body_columns(body: str, *motion: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
     """Return the columns of a body: x, y and, where it turns, the angle, of position, velocity and acceleration."""
-    return {f"{body}.{name}": values for names, column in zip(_BODY_COLUMNS, motion)
+    return {f"{body}.{name}": values for names, column in zip(BODY_COLUMNS, motion)
             for name, values in zip(names, column)}

@@ -12,6 +12,8 @@ from stiction.reference_impl.multibody.dynamics import acceleration, row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Trajectory
+from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.trajectory import stacked
 
 
 @dataclass(frozen=True)
@@ -50,9 +52,7 @@ def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) ->
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     if not m.rows:
         return Audit(0, 0.0, 0.0, 0)
-    body = mechanism.body_names
-    q, v, a = (np.stack([trajectory[f"{name}.{label}"] for name in body for label in labels], axis=1)
-               for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")))
+    q, v, a = (stacked(trajectory.columns, mechanism.body_names, labels) for labels in BODY_COLUMNS)
     slip = np.array([trajectory[f"{name}.mode"] for name in mechanism.guide_names], dtype=np.int64)
     slip = slip.reshape(len(m.friction), len(trajectory.t)).T.copy()
     chosen = np.unique(np.linspace(0, len(trajectory.t) - 1, instants).astype(int))

@@ -13,8 +13,8 @@ from stiction.reference_impl.friction.coulomb import equal_mobilization, split_b
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
+from stiction.scenes.columns import BODY_COLUMNS
 
-BODY_COLUMNS = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
 CORNER_COLUMNS, GUIDE_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower",
                                  "friction_upper"), ("displacement", "slip_velocity")
 DRIFT_COLUMNS = ("position", "velocity")

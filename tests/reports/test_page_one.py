@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from report_material import hard_table, record, unsaved_figures
 
 from stiction.comparisons.methods import methods
-from stiction.comparisons.presentation.presentation import ANSWER_LENGTH
 from stiction.comparisons.presentation.traced_text import COUNT, NAME, RATIO, Number
 from stiction.comparisons.recommendation import mechanism_in_words
 from stiction.comparisons.results import Results
@@ -22,8 +21,7 @@ from stiction.comparisons.variants import Variant
 from stiction.reports import report_of, write_report
 from stiction.reports.markdown.tables import WIDTH as TABLE_WIDTH
 from stiction.reports.markdown.tables import fitted
-from stiction.reports.page_one import (HOW_TO_READ, TITLE, WIDTH, answer_lines, bullets, headline_table, not_installed,
-                                       numbers, page_one)
+from stiction.reports.page_one import HOW_TO_READ, TITLE, answer_lines, headline_table, not_installed, numbers, page_one
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 MOST_LINES, MOST_WORDS = 60, 25
@@ -113,26 +111,6 @@ def test_no_other_digits(full):
         text = text.replace(number.text, "")
     text = re.sub(r"\bcase \d\b|\bF0\b", "", text)  # names
     assert not re.findall(r".{20}\d.{20}", text)
-
-
-def test_it_fits_a_page_in_short_sentences(full, folder):
-    page = (folder / "report.md").read_text().partition("\n## ")[0]
-    assert len(page.splitlines()) <= MOST_LINES and "![mechanism-" in page and page.startswith(f"# {TITLE}")
-    report = report_of(full)
-    assert all(len(line) <= WIDTH for line in page_one(report, "", "Run.").splitlines() if not line.startswith("|"))
-    texts = [part.text for part in report.answer] + [answer.text for _, answer in bullets(report)]
-    sentences = [sentence for text in texts for sentence in re.split(r"(?<=[a-z)])[.;] ", text)]
-    assert len(sentences) > 5 and max(len(sentence.split()) for sentence in sentences) <= MOST_WORDS
-    assert not re.search(r"\bnan\b|  \.| ,|\.\.", " ".join(texts))
-
-
-def test_the_terminal_has_a_line_a_study_that_is_not_too_long(full):
-    report = report_of(full)
-    lines, titles = list(answer_lines(report)), {study.title for study in report.said if study.title}
-    assert len(lines) == len(set(lines)) and not any("\n" in line for line in lines)
-    studies = [line.partition(": ") for line in lines[len(report.answer):] if line.partition(": ")[0] in titles]
-    assert len(studies) == len({title for title, _, _ in studies}) > 2
-    assert all(len(answer) <= ANSWER_LENGTH for _, _, answer in studies)
 
 
 @pytest.mark.parametrize("missing", ["accuracy", "equal-error", "hard", "threshold", "claims", "all"])

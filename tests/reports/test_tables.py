@@ -66,10 +66,6 @@ def test_latex_of(text, expected):
     assert latex.escape(text) == expected
 
 
-def test_citations_and_references_of_a_paragraph():
-    assert latex.paragraphs(["As [@a; @b] say, see [#fig:x] and **5 %**."]) == "As~\\cite{a,b} say, see~\\ref{fig:x} and \\textbf{5 \\%}.\n"
-
-
 @pytest.mark.parametrize("table, rows, key", [
     ("accuracy", [7], "A7"), ("accuracy", [7, 105], "A7,105"), ("torque", [*range(16, 31)], "J16-30"), ("torque", [4, 3, 5], "J3-5"),
     ("hard", [*range(3, 888, 17)], "H3-887/17" if 887 in range(3, 888, 17) else f"H3-{max(range(3, 888, 17))}/17"), ("toy", [3], "toy:3"),

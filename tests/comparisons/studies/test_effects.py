@@ -24,13 +24,6 @@ BLOCK = {"no gravity": "gravity", "no friction": "friction", "no static coeffici
          "no spring": "springs", "no damper": "dampers", "no load": "forces", "no stabilization": "stabilization"}
 
 
-@pytest.mark.parametrize(("key", "section"), [("spring", "springs"), ("springs", "springs"), ("drives.motor", "drives"),
-                                              ("load", "forces"), ("guide", "joints")])
-def test_whole_elements_and_sections_can_be_removed(key, section):
-    scene = vary(load_scene(CASE), {key: None})
-    assert len(getattr(scene, section)) == len(getattr(load_scene(CASE), section)) - 1
-
-
 @pytest.mark.parametrize("name", catalogue())
 def test_every_toggle_removes_exactly_a_block_that_the_scene_declares(name):
     scene = load_scene(name)

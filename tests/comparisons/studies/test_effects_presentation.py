@@ -30,17 +30,13 @@ def said_of(study, name, table):
 def test_the_answer_has_what_saves_time_and_what_baumgarte_costs():
     table = effects_table()
     said = said_of(effects.STUDY, "effects", table)
-    assert said.answer.text == ("Of its engine time with projection, the scene takes 0.45 without load, 0.5 without "
-                                "friction and 22 with Baumgarte's terms.")
+    assert [number.text for number in said.answer.numbers] == ["0.45", "0.5", "22"]
     for number in said.answer.numbers:
         assert float(number.text) == table.loc[number.rows[0] - 1, number.column]
     findings = " ".join(text.text for text in said.findings)
-    assert "Without friction, `stiction explain` leaves out these blocks: friction, static coefficient." in findings
-    assert ("Its HLCP goes from 5 to 0 pairs, and engine time to 0.50 ± 0.02, with 1002 instead of 1000 right-hand "
-            "sides. Its motion changes by up to 1 m.") in findings
-    assert "can cost more time, as the motion changes: 1.2 ± 0.1 without gravity." in findings
-    assert "No distinguishable difference in time without: spring." in findings
-    assert "Without any stabilization it takes 0.90 ± 0.02; its motion changes by 2.5 m." in findings
+    for part in ("friction, static coefficient", "from 5 to 0 pairs", "0.50 ± 0.02", "1002 instead of 1000", "1.2 ± 0.1 without gravity",
+                 "without: spring", "0.90 ± 0.02"):
+        assert part in findings
 
 
 def test_what_cannot_be_distinguished_from_the_baseline_saves_nothing():
@@ -65,7 +61,7 @@ def test_a_failed_effect_among_others_is_named():
     table.loc[table["effect"] == "no load", ["status", "reason"]] = "failed", "killed"
     table.loc[table["effect"] == "no load", [RATIO, LOW, HIGH, MOTION, "rhs [-]"]] = None
     said = said_of(effects.STUDY, "effects", table)
-    assert "load" not in said.answer.text and said.findings[-1].text == "the reference failed: no load."
+    assert "load" not in said.answer.text and "no load" in said.findings[-1].text
     assert not any("nan" in cell for view in said.tables for row in view.cells() for cell in row)
 
 
@@ -84,13 +80,11 @@ def test_stabilizations_are_compared_at_the_tightest_tolerance():
     table = suppression_table()
     said = said_of(drift_suppression.STUDY, "suppression", table)
     low, high = 20 * 0.9 / (1.1 * 1.1), 20 * 1.1 / (1.1 * 0.9)
-    assert said.answer.text == (f"At rtol = 1e-09 Baumgarte's terms take 18 ({low:.2g} to {high:.2g}) times the engine "
-                                f"time of projection and leave 3e-12 m of drift, projection 0 m.")
+    assert [number.text for number in said.answer.numbers] == [f"18 ({low:.2g} to {high:.2g})", "3e-12", "0"]
     time, *drifts = said.answer.numbers
     assert [table.loc[row - 1, "suppression"] for row in time.rows] == ["baumgarte",
                             "projection"] and {table.loc[row - 1, "step"] for row in time.rows} == {1e-9}
     assert [table.loc[number.rows[0] - 1, "suppression"] for number in drifts] == ["baumgarte", "projection"]
-    assert any(text.text.startswith("At dt = 0.01 s, the paper's scheme drifts by 2e-11 m with no stabilization, 3e-12 "
-                                    "m with Baumgarte's terms and 0 m") for text in said.findings)
+    assert ["2e-11", "3e-12", "0"] in [[number.text for number in text.numbers] for text in said.findings]
     without = table[(table["suppression"] != "baumgarte")]
     assert not said_of(drift_suppression.STUDY, "suppression", without.reset_index(drop=True)).answer

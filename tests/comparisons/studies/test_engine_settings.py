@@ -63,10 +63,6 @@ def test_front_of_sharp_times(error, time, expected):
     assert list(front(np.array([error]), time, time)) == expected
 
 
-def test_times_whose_repeats_overlap_are_indistinguishable():
-    assert list(front(np.array([[1.0, 1.0]]), np.array([1.0, 1.1]), np.array([1.2, 1.3]))) == [True, True]
-
-
 @pytest.mark.parametrize(("torque", "expected"), [([1.0, 9.0], [True, True]), ([1.0, 1.0], [False, True])])
 def test_two_errors_are_two_axes_of_the_front(torque, expected):
     time = np.array([1.0, 1.0])
@@ -123,16 +119,6 @@ def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(subject):
         assert name in default and default[name] not in values
 
 
-def test_every_fidelity_of_an_engine_is_studied():
-    subjects = load_study().subjects
-    for engine in {subject.engine for subject in subjects}:
-        try:
-            fidelities = load_engine(engine).capabilities.fidelities
-        except EngineMissing:
-            continue
-        assert {subject.fidelity for subject in subjects if subject.engine == engine} == set(fidelities)
-
-
 @pytest.mark.parametrize("runs", [[(1e-3, 2.0), (1e-3, 1.0), (2e-3, 0.1), FAILS], [(0.0, 2.0), (0.0, 1.0)]])
 def test_a_gain_is_over_the_fastest_choice_that_is_no_worse(runs):
     [row] = ranks_of_defaults(table(*runs)).to_dict("records")
@@ -177,10 +163,6 @@ def test_a_choice_over_all_scenes_has_its_mean_time_and_its_largest_error():
     assert list(against_defaults(at_rest)[ERROR_RATIO]) == [1.0, np.inf, 1.0]
 
 
-def test_there_is_no_figure_without_a_default_that_succeeded():
-    assert said_of(joined(*(table(FAILS, (1e-3, 2.0), scene=name) for name in "st"))).figures == ()
-
-
 def short_study(**others):
     """The study with one step and one setting of each method."""
     whole = load_study()
@@ -196,10 +178,6 @@ def studied():
         patch.setattr(engine_settings, "load_study", lambda: study)
         with here():
             yield plan(Scope(CASES, Depth.FULL, ("pymunk",), repeats=1)).make().tables["settings"]
-
-
-def test_scenes_of_the_study_are_there():
-    assert all(load_scene(name).t_end >= seconds > 0 for name, seconds in load_study().scenes.items())
 
 
 def test_study_has_every_choice_on_every_scene_and_the_rows_of_a_method_together(studied):

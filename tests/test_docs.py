@@ -215,10 +215,6 @@ def test_part_of_an_engine_that_is_not_installed_stays(monkeypatch):
     assert generated.regenerated(TEXT["docs/reference/engines.md"]) == TEXT["docs/reference/engines.md"]
 
 
-def test_readme_is_short():
-    assert len(TEXT["README.md"].splitlines()) <= 150
-
-
 class TestReference:
     def test_every_key_of_a_scene(self):
         models = [Scene, *(model for table in (*ELEMENTS.values(), LAWS, STABILIZATIONS) for model in table.values())]

@@ -91,14 +91,6 @@ def test_beside_packages_of_the_users(installed, theirs, request):
     assert "1 passed" in run(python, "-m", "pytest", "-q", "test_it.py", cwd=theirs)
 
 
-def test_code_comes_from_the_wheel(python, tmp_path):
-    """Otherwise the tests of the wheel say nothing."""
-    modules = ("stiction", *(f"stiction.{name}" for name in FOLDERS))
-    code = f"from importlib.util import find_spec; print(*(find_spec(name).origin for name in {modules}), sep='\\n')"
-    files = [Path(line) for line in run(python, "-c", code, cwd=tmp_path).splitlines()]
-    assert len(files) == len(modules) and all(file.is_relative_to(python.parent.parent) for file in files)
-
-
 def test_a_checkout_on_the_path_is_enough(tmp_path):
     """Without what an editable installation makes, as behind one that was made before the packages had one name."""
     code = ("import sys; sys.meta_path[:] = [finder for finder in sys.meta_path if 'Editable' not in getattr(finder, '__name__', '')]\n"

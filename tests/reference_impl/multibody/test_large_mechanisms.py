@@ -80,10 +80,6 @@ class TestIndependentParts:
         assert len(independent_parts(independent_slider_bars(4))) == 4
         assert len(independent_parts(sprung_chain(4))) == 1
 
-    def test_a_part_is_a_scene(self):
-        for part in independent_parts(independent_slider_bars(3)):
-            assert scene_from_dict(part._raw) == part
-
     def test_breakdown_of_one_ends_all(self):
         broken = load_scene("uniqueness-lost")
         alone = ENGINE.simulate(broken, t_end=broken.t_end, rtol=1e-8)
@@ -221,13 +217,6 @@ class TestMemory:
         (short, few), (long, many) = (self.peak(scene, t_end=t, output_step=t / 50, rtol=1e-10, stabilization="none") for t in (5.0, 100.0))
         assert many["steps"] > 10 * few["steps"]
         assert long < 1.1 * short
-
-    def test_grows_with_events_only_by_what_they_keep(self):
-        scene = load_scene("slider-bar-case-1")
-        (short, few), (long, many) = (self.peak(scene, t_end=t, output_step=t / 50, rtol=1e-8, stabilization="none", event_values=False)
-                                      for t in (24.0, 240.0))
-        assert many["events"] > 5 * few["events"]
-        assert long - short < 1000 * (many["events"] - few["events"])  # bytes: time, kind and guide of an event, as objects
 
 
 def content(arrays):

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 import stiction
-from stiction.scenes.model import Scene
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -54,8 +53,3 @@ class TestShortNames:
             assert len(repr(made)) <= LONGEST and len(str(made)) <= LONGEST
         assert "reference" in repr(run) and "slider-bar-case-1" in repr(run) and "no solution" in repr(stopped)
         assert not run.t[:0].size and "0 rows" in repr(replace(run, t=run.t[:0]))
-
-    def test_scene_of_many_bodies(self):
-        body = {"mass": 1, "inertia": 1}
-        scene = Scene.model_validate({"bodies": {f"body{k}": body for k in range(1000)}, "title": "long " * 100})
-        assert len(repr(scene)) <= LONGEST and "bodies=1000" in repr(scene)

@@ -91,16 +91,6 @@ def test_points_and_intervals_are_where_the_data_are():
     assert [label.get_text() for label in second.get_yticklabels()] == ["a", "b", "c"] and second.get_ylim() == (-0.5, 2.5)
 
 
-def test_panels_have_letters_titles_and_units_and_one_legend():
-    with rc():
-        figure = saved(draw(errors(), LOOKS))
-    panels = [ax for ax in figure.axes if ax.axison]
-    assert [ax.get_title("left") for ax in panels] == ["(a) Case 1", "(b) Case 2", "(c) Case 1", "(d) Case 1"] and len(figure.axes) == 6
-    assert panels[0].get_xlabel() == "step [s]" and panels[0].get_ylabel() == "error [m]"
-    [legend] = figure.legends
-    assert sorted(text.get_text() for text in legend.get_texts()) == ["other", "reference", "truth"]
-
-
 @pytest.mark.parametrize("column", ["single", "double"])
 def test_no_two_labels_of_an_axis_touch(column):
     """On a logarithmic axis of less than two decades ``2 x 10^1 3 x 10^1`` once stood on each other."""

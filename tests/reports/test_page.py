@@ -1,4 +1,4 @@
-"""The pages in a real browser: they open without errors and without a network; zoom, cursor, mechanism and keyboard work, also on a narrow screen."""
+"""The pages in a real browser: they open without errors and without a network; zoom, cursor, mechanism and keyboard work."""
 
 from __future__ import annotations
 
@@ -222,21 +222,6 @@ def test_keyboard_plays_pauses_and_steps(run_page, open_page):
     until(lambda: page.locator(".said").inner_text().startswith(f"t = {at:.3f} s, "), True)  # for a screen reader
     page.get_by_role("slider", name="Time, s").fill("2")
     assert shown_time(page) == pytest.approx(2.0)
-
-
-@pytest.mark.parametrize("which", ["run_page", "history_page"])
-def test_a_narrow_screen_needs_no_scrolling_sideways(which, request, open_page):
-    page = open_page(request.getfixturevalue(which), width=390, height=844)
-    assert page.evaluate("document.documentElement.scrollWidth") == 390
-    clipped = page.evaluate("""() => [...document.querySelectorAll("h1, h2, nav, .controls, .legend, .panel .title, figcaption")]
-        .filter(element => element.getBoundingClientRect().right > innerWidth + 1).length""")
-    assert clipped == 0
-    assert page.locator("details").first.get_attribute("open") is None  # the names of the lines do not cover the lines
-    box = page.locator(".table").last
-    box.scroll_into_view_if_needed()
-    box.evaluate("box => { box.scrollLeft = 120; }")
-    first = box.locator("tbody tr").first.locator("td").first.bounding_box()
-    assert first["x"] == pytest.approx(box.bounding_box()["x"], abs=1)  # the first column stays
 
 
 def test_sections_are_closed_and_keys_open_the_one_with_their_rows(run_page, report_folder, open_page):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines import BadTrajectory, EngineFailure, Refused, load_engine
 from stiction.scenes import load_scene, scene_from_dict, vary
 
@@ -40,6 +41,13 @@ def test_free_body_falls(engine):
     np.testing.assert_allclose(run["stone.angle"], 5 * run.t, atol=1e-12)
     # semi-implicit Euler is g h t/2 below the parabola
     np.testing.assert_allclose(run["stone.y"], 2 + 4 * run.t - 9.81 * run.t * (run.t + 1e-3) / 2, atol=1e-10)
+
+
+def test_error_of_the_slider_bar(engine):
+    scene = load_scene("slider-bar-case-1")
+    run = engine.simulate(scene, dt=1e-3)
+    assert np.abs(run["slider.x"] - slider_bar_truth(scene)(run.t)["slider.x"]).max() < 1e-3
+    np.testing.assert_allclose(run["bar.angle"], np.pi / 4 * run.t, atol=1e-8)  # the rotor against 10 N m for 24 s
 
 
 def test_softer_friction_creeps_more(engine):

@@ -14,6 +14,8 @@ from typer.testing import CliRunner
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.depth import Depth
+from stiction.comparisons.hard import hard_cases
+from stiction.comparisons.hard.examination import DEGRADED, RIGHT, WRONG, examine, judge
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies import engine_settings
 from stiction.comparisons.studies.engine_settings import (DEFAULT, DRIFT, ERROR, ERROR_RATIO, EVERYWHERE, FACTOR,
@@ -24,7 +26,7 @@ from stiction.comparisons.studies.engine_settings import (DEFAULT, DRIFT, ERROR,
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import HIGH, LOW, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant
-from stiction.engines import EngineMissing, load_engine
+from stiction.engines import EngineMissing, Outcome, load_engine
 from stiction.scenes import InputError, load_scene
 
 CASES = tuple(load_scene(f"slider-bar-case-{number}") for number in (1, 2, 3))
@@ -256,3 +258,24 @@ def test_command(tmp_path, in_this_process, monkeypatch):
     assert picture.read_bytes().startswith(b"\x89PNG") and "The defaults are on the front" in ended.output
     ended = CliRunner().invoke(app, [*command, "reference"])
     assert ended.exit_code == BAD_INPUT and "which the study has settings of" in ended.output
+
+
+MILLISECONDS, UNSTABLE = "load above static friction for 2 ms", "Baumgarte unstable for the step"
+BELOW, WIDE = "static friction below kinetic", "slider wider than long by 1/mus"
+
+
+@pytest.mark.parametrize(("engine", "setting", "value", "name", "default", "overturned"), [
+    ("mujoco", "impedance", 0.8, UNSTABLE, DEGRADED, RIGHT),
+    pytest.param("mujoco", "impedance", 0.8, BELOW, DEGRADED, WRONG, marks=pytest.mark.long),
+    pytest.param("drake", "near_rigid", 1.0, MILLISECONDS, WRONG, DEGRADED, marks=pytest.mark.long),
+    pytest.param("drake", "near_rigid", 1.0, WIDE, DEGRADED, WRONG, marks=pytest.mark.long),
+    pytest.param("drake", "dissipation", 100.0, BELOW, DEGRADED, WRONG, marks=pytest.mark.long)])
+def test_a_setting_overturns_the_verdict_of_the_default(engine, setting, value, name, default, overturned):
+    pytest.importorskip({"drake": "pydrake"}.get(engine, engine))
+    assert load_engine(engine).default_settings("contact")[setting] != value
+    case = next(case for case in hard_cases() if case.name == name)
+    for settings, word in (({}, default), ({setting: value}, overturned)):
+        variant = Variant("tried", engine, "dt", (case.dt,), "contact", settings)
+        assert judge(case, variant, Outcome("tried", "ok", examine(name, variant))).word == word
+    subjects = {(subject.engine, subject.fidelity): subject for subject in load_study().subjects}
+    assert value in subjects[engine, "contact"].choices[setting]

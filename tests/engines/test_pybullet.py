@@ -87,17 +87,6 @@ def test_loops_stay_closed(engine):
     assert drift[1] < drift[0] / 3  # 4, less the curvature of the coarse run
 
 
-def test_free_body(engine):
-    """A throw, exact for a symplectic Euler step but for g h t/2."""
-    scene = scene_from_dict({"gravity": [0, -9.81], "bodies": {
-        "stone": {"mass": 3, "inertia": 0.5, "position": [1, 2], "angle": 0.4, "velocity": [3, 4],
-                  "angular_velocity": 5}}})
-    run = engine.simulate(scene, t_end=1.0, dt=1e-3)
-    np.testing.assert_allclose(run["stone.x"], 1 + 3 * run.t, atol=1e-11)
-    np.testing.assert_allclose(run["stone.y"], 2 + 4 * run.t - 9.81 * run.t * (run.t + 1e-3) / 2, atol=1e-11)
-    np.testing.assert_allclose(run["stone.angle"], 0.4 + 5 * run.t, atol=1e-11)
-
-
 def test_a_load_on_a_link_that_turns_acts_where_the_link_is(engine):
     """Not where it was a step before, with a moment of h v F: MuJoCo makes the same steps of joint coordinates."""
     pytest.importorskip("mujoco")

@@ -70,12 +70,17 @@ def balance_residual(scene, t, columns):
     """Largest residual of M q'' = QE + J^T lambda + W^T f, relative to the largest of the forces on its body.
 
     By the dense equations, which are another derivation than the compiled one: each row acts on two bodies, so that this is action = reaction too.
+    Forces without a column may have any value.
     """
     equations, (q, v, a) = EquationsOfMotion(scene), motion(scene, columns)
     terms = equations.at(t, q, v)
-    names = [*equations.rows, *(f"{guide}.friction" for guide in equations.guides)]
-    forces = np.array([columns[name] for name in names]).T.reshape(len(t), -1, 1) * np.concatenate([terms.J, terms.W], -2)
+    names = np.array([*equations.rows, *(f"{guide}.friction" for guide in equations.guides)])
+    known, rows = np.isin(names, list(columns)), np.concatenate([terms.J, terms.W], -2)
+    forces = np.array([columns[name] for name in names[known]]).T.reshape(len(t), -1, 1) * rows[:, known]
     residual = equations.mass * a - terms.QE - forces.sum(-2)
+    if not known.all():
+        others = rows[:, ~known].swapaxes(-1, -2)
+        residual -= (others @ (np.linalg.pinv(others) @ residual[..., None]))[..., 0]
     size = np.abs(equations.mass * a) + np.abs(terms.QE) + np.abs(forces).sum(-2)
     largest = size.reshape(len(t), -1, 3).sum(-1).max(0) + 1e-9
     return np.max(np.abs(residual).reshape(len(t), -1, 3).max((0, 2)) / largest)

@@ -1,7 +1,5 @@
 """What a wheel installs: one name, nothing left behind, and it runs in any folder, whatever packages lie there."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import installed
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED, INTERRUPTED, TERMINATED, terminate
 from stiction.cli.render import show, show_trajectory
 from stiction.comparisons.truth import slider_bar_truth
-from stiction.engines import EngineMissing, load_engine
 from stiction.scenes import Trajectory, load_scene, vary
 
 SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
@@ -240,10 +240,7 @@ class TestLists:
     @pytest.mark.parametrize(("engine", "fidelity"), [("reference", "joint"), ("moreau", "contact"), ("exudyn", "joint"), ("exudyn", "contact"), ("pymunk", "joint"),
                                                       ("pymunk", "contact"), ("pybullet", "joint"), ("pybullet", "contact"), ("mujoco", "joint"), ("drake", "joint"), ("dart", "joint"), ("dart", "contact")])
     def test_defaults_that_are_told_are_those_of_a_run(self, engine, fidelity, compiled):
-        try:
-            found = load_engine(engine)
-        except EngineMissing as error:
-            pytest.skip(str(error))
+        found = installed(engine)
         scene = vary(load_scene("block-on-incline"), {"guide.mus": None})
         told = found.default_settings(fidelity)
         plain, given = (found.simulate(scene, t_end=0.05, fidelity=fidelity, **settings) for settings in ({}, told))

@@ -1,7 +1,5 @@
 """Depths of the main job: each has all of the one before; finished studies are reported at once."""
 
-from __future__ import annotations
-
 import pandas as pd
 import pytest
 from hypothesis import given

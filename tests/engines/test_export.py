@@ -1,7 +1,5 @@
 """Models that are written for an engine's users: engines alone read them and make the motion of their adapters."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess

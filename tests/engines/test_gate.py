@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import installed
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
-from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Job, load_engine, run_isolated
+from stiction.engines import BadTrajectory, EngineFailure, Job, load_engine, run_isolated
 from stiction.engines.examined import Examined
 from stiction.engines.gate import problems, required_columns
 from stiction.engines.reference.engine import ReferenceEngine
@@ -381,13 +382,6 @@ def test_in_isolation_they_are_failed_runs_between_others(scene):
     outcomes = run_isolated([*jobs, Job("sound", f"{__name__}:Sound", scene, {"t_end": T_END, "rtol": 1e-6})], workers=1, timeout_s=600)
     assert [outcome.status for outcome in outcomes] == ["failed"] * 3 + ["ok"]
     assert all(FAULTS[outcome.label][1] in outcome.reason for outcome in outcomes[:3])
-
-
-def installed(engine):
-    try:
-        return load_engine(engine)
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
 
 
 @pytest.mark.parametrize("name", ["slider-bar-case-1", "four-bar", "slider-on-moving-guide", "elliptic-trammel", "mass-on-belt",

@@ -1,7 +1,5 @@
 """MuJoCo: the model that is written for it, what it is soft in, bad input."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

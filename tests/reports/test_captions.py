@@ -1,7 +1,5 @@
 """Numbers in captions are recomputed from a written report, by code that shares nothing with the studies."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Callable, Iterator

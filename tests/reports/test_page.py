@@ -1,7 +1,5 @@
 """The pages in a real browser: they open without errors and without a network; zoom, cursor, mechanism and keyboard work."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import time

@@ -1,7 +1,5 @@
 """Page one: every number is recomputed from the data of a written report, and nothing else has digits."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

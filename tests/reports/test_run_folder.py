@@ -1,7 +1,5 @@
 """A report comes out whole whatever happened to the engines, says what was lost and why, and loses nothing itself."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

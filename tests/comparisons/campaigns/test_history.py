@@ -1,7 +1,5 @@
 """The history holds every finished run once and whole, whenever the night that writes it is killed."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

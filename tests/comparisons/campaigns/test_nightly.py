@@ -1,7 +1,5 @@
 """Findings of the commands: damage by the right line, nothing without damage, and a complete report of any engine."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

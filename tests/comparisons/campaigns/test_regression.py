@@ -1,7 +1,5 @@
 """Every kind of number has its own rule of what is beyond noise, and each is held to it from both sides."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import installed
 from random_mechanisms import extreme_scene
 from typer.testing import CliRunner
 
@@ -23,7 +24,7 @@ from stiction.comparisons.hard.table import REFERENCE
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.hard_cases import HOSTILE, present
 from stiction.comparisons.variants import Variant
-from stiction.engines import EngineMissing, load_engine
+from stiction.engines import load_engine
 from stiction.engines.isolation import Outcome
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
@@ -133,10 +134,7 @@ def test_one_of_several_motions_is_told_from_none_of_them(name, word):
     ("drake", "contact", {"method": "continuous"}, WRONG), ("mujoco", "joint", {"method": "accelerations"}, WRONG), ("exudyn", "joint", {}, WRONG),
     ("reference", "joint", {"method": "paper"}, WRONG)])
 def test_what_goes_on_without_finite_forces_is_not_wrong_for_schemes_of_impulses(engine, fidelity, settings, word):
-    try:
-        load_engine(engine)
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
+    installed(engine)
     variant, gone_on = Variant("v", engine, "dt", (), fidelity, settings), Outcome("", "ok", Examination({BEYOND: np.inf}))
     assert judge(case_of(NO_MOTION, stop={"at": 1, "kind": "no solution"}), variant, gone_on).word == word
     assert judge(case_of(NO_MOTION, stop={"at": 1, "kind": "several solutions"}), variant, gone_on).word == WRONG
@@ -148,10 +146,7 @@ def test_what_goes_on_without_finite_forces_is_not_wrong_for_schemes_of_impulses
     ("zero mass", "reference", UNREAD), ("zero mass", "pymunk", UNREAD), ("contradictory drives", "exudyn", RIGHT)])
 def test_only_a_method_is_right_in_refusing(name, engine, word):
     """Not the adapter in the name of its engine, nor the reader of scenes; Exudyn's own solver finds that drives contradict."""
-    try:
-        load_engine(engine)
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
+    installed(engine)
     fidelity = "contact" if engine == "moreau" else "joint"
     variant = EVENT_DRIVEN if engine == "reference" else Variant("v", engine, "dt", (), fidelity)
     found = verdict(CASES[name], variant)

@@ -1,7 +1,5 @@
 """Effects: what is removed is gone from the equations, the counters and the motion; drift suppression is a choice."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,14 +1,12 @@
 """The study of settings: the front, choices that are other than the default, and the command from end to end."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import here
+from conftest import here, installed
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
@@ -26,7 +24,7 @@ from stiction.comparisons.studies.engine_settings import (DEFAULT, DRIFT, ERROR,
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import HIGH, LOW, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant
-from stiction.engines import EngineMissing, Outcome, load_engine
+from stiction.engines import Outcome, load_engine
 from stiction.scenes import InputError, load_scene
 
 CASES = tuple(load_scene(f"slider-bar-case-{number}") for number in (1, 2, 3))
@@ -110,10 +108,7 @@ def test_the_study_sees_a_solver_that_lets_a_drive_go(iterations, drifts):
 
 @pytest.mark.parametrize("subject", load_study().subjects, ids=lambda subject: subject.label)
 def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(subject):
-    try:
-        solver = load_engine(subject.engine)
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
+    solver = installed(subject.engine)
     default = solver.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.01, dt=5e-3,
                               fidelity=subject.fidelity, **subject.fixed).settings
     assert all(default[name] == value for name, value in subject.fixed.items())

@@ -1,7 +1,5 @@
 """Orders and extrapolation, on series whose answer is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

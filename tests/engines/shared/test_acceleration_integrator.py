@@ -1,12 +1,11 @@
 """An engine's accelerations under our own integrator: the error is the tolerance's, events are located, limits are said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from conftest import installed
 
 from stiction.comparisons.measures.scene_truth import ground_truth
-from stiction.engines import EngineMissing, Refused, load_engine
+from stiction.engines import Refused
 from stiction.scenes import load_scene
 
 METHOD = {"method": "accelerations"}
@@ -14,10 +13,7 @@ METHOD = {"method": "accelerations"}
 
 @pytest.fixture(scope="module", params=["pybullet", "mujoco", "drake", "dart"])
 def engine(request):
-    try:
-        return load_engine(request.param)
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
+    return installed(request.param)
 
 
 @pytest.mark.parametrize(("name", "t_end"), [("slider-bar-case-1", 4.0), ("slider-on-moving-guide", 2.0)])

@@ -1,7 +1,5 @@
 """What of a run's CPU time is the engine's own, on a machine whose clocks are told what happens."""
 
-from __future__ import annotations
-
 import pytest
 
 from stiction.engines.shared import engine_clock

@@ -4,11 +4,12 @@ import re
 
 import numpy as np
 import pytest
+from conftest import installed
 
 from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.truth import (moving_guide_truth, oscillator_truth, slider_bar_truth, slider_crank_truth,
                                         trammel_truth)
-from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Refused, load_engine
+from stiction.engines import BadTrajectory, EngineFailure, Refused
 from stiction.engines.protocol import Declined
 from stiction.scenes import load_scene, scene_from_dict, vary
 
@@ -22,13 +23,6 @@ CONTACT_CREEP = {**CREEP, "mujoco": 1.01 * 0.5 * (1 / 2 + 0.3 ** 2 / 0.1) / 1e4 
 """The same of the block below at contact fidelity. MuJoCo's friction gives way by (1 - d)/d = 0.5 of what a corner's normal direction moves by, over `impratio`, and
 two corners share the load. A box of DART's lands in its guide within a step, g h^2 deep at most; after 500 steps, as 1 % of an overlap is corrected in each, it slides no
 faster than it rises."""
-
-
-def installed(name):
-    try:
-        return load_engine(name)
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
 
 
 @pytest.fixture(params=["pymunk", "pybullet", "mujoco", "drake", "dart"])

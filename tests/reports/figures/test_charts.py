@@ -1,7 +1,5 @@
 """Every kind of figure draws where the data are, in looks that can be told apart, inside of its edges, and twice the same."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

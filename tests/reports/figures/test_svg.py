@@ -1,7 +1,5 @@
 """A lean SVG is the same picture: texts, places and colours, in fewer bytes, and fit for an attribute of a page."""
 
-from __future__ import annotations
-
 import re
 from html import escape
 from urllib.parse import quote, unquote

@@ -1,7 +1,5 @@
 """Tables as data become the texts that they should, and keys lead to rows or are refused in words."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A run read back is the run; a paper of it is the same bytes twice; every number in it leads to its row and its trajectory."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """What a run folder keeps of the runs: those that figures show, bit by bit, and the command for the others."""
 
-from __future__ import annotations
-
 import shlex
 from dataclasses import replace
 

@@ -43,7 +43,7 @@ def recommendation(results: Results) -> list[TracedText]:
     """Return the accuracy of the reference, then that of existing engines, with ideal joints and with contacts.
 
     Methods count whose runs succeeded in every case. Engines are compared only where mus and mu are the same and the
-    same part of the work is theirs.
+    same part of the work is theirs. The suite's own contact solver stands behind them, as its own.
     """
     table = results.table("accuracy")
     if POSITION not in table:
@@ -71,6 +71,8 @@ def recommendation(results: Results) -> list[TracedText]:
                           and table.at[row, "engine"] not in OWN_METHODS]:
                 parts.append(_span(table, theirs))
         if parts:
+            parts += [traced("our {} {}", called(variant, False), error(row)) for variant, row in ranked.items()
+                      if table.at[row, "fidelity"] == fidelity == "contact" and table.at[row, "engine"] in OWN_METHODS]
             answers.append(traced("{}: {}.", heading, listed(parts, "; ", "; ")))
     return answers
 

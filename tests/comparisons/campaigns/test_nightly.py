@@ -49,7 +49,7 @@ BROKEN = """
 scenes = ["block-on-incline"]
 measure = ["accuracy", "event", "counter"]
 [budget]
-run = 12
+run = 30
 [variants.right]
 engine = "reference"
 rtol = [1e-9]
@@ -231,7 +231,7 @@ class TestBrokenNight:
     def test_report_and_summary_are_complete(self, broken_night):
         [night] = [path for path in (broken_night[0] / "out").iterdir() if path.is_dir()]
         report, summary = (night / "report.md").read_text(), json.loads((night / "summary.json").read_text())
-        for words in ("no_such_package_anywhere", "exit code 7", "no result within 12 s", "Newton did not converge",
+        for words in ("no_such_package_anywhere", "exit code 7", "no result within 30 s", "Newton did not converge",
                       "position error [m]"):
             assert words in report
         assert (summary["verdict"], summary["exit code"]) == ("could not run", COULD_NOT_RUN)

@@ -20,7 +20,9 @@ TWO_ATTRACTORS = {"L": 1.4690166001538274, "w0": 0.4919565038887755, "m1": 0.320
                   "guide.width": 0.061743221619308494}
 
 
-@pytest.mark.parametrize("xtol", [2e-3, pytest.param(1e-11, marks=pytest.mark.long)])
+# in every run: `test_near_its_end_a_steady_state_attracts_from_near_only`, of two that coexist
+@pytest.mark.long
+@pytest.mark.parametrize("xtol", [2e-3, 1e-11])
 def test_of_two_attractors_that_of_the_start_counts(xtol):
     """From rest the slider stays at rest up to 1.9945997 N; a sliding motion goes on further down."""
     found = stick_threshold(vary(load_scene("slider-bar-case-1"), TWO_ATTRACTORS), xtol)

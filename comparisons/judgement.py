@@ -17,7 +17,7 @@ import pandas as pd
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.energy_balance import energy_balance, needed_columns
-from stiction.comparisons.measures.result_errors import column_errors
+from stiction.comparisons.measures.result_errors import TURN, column_errors
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.comparisons.measures.torque_jumps import SAMPLES, torque_table
@@ -54,7 +54,8 @@ class Judgement:
         ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``: rows may be
         none.
     trajectory : Trajectory
-        The table, one row per instant, both sides of jumps as events.
+        The table, one row per instant, both sides of jumps as events, with displacements, slip velocities and drift
+        that follow from its columns.
     """
 
     scene: Scene
@@ -150,7 +151,8 @@ def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
     """Judge a table by a truth of the scene."""
     table = _within(table, truth.t_end)
     trajectory = trajectory_of(scene, table, truth)
-    full = replace(trajectory, columns={**_derived(scene, trajectory), **trajectory.columns})
+    derived = _derived(scene, trajectory)
+    full = replace(trajectory, columns={**derived, **trajectory.columns})
     record = Record(f"{scene.name}/{table.origin}", scene.name, Variant("table", "table", "dt", (_step(full),)),
                     _step(full), Outcome("table", "ok", trajectory))
     known = truth.tier != NO_TRUTH
@@ -158,22 +160,24 @@ def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
              if known and f"{drive}.effort" in trajectory]
     tables = {
         "errors": column_errors(table, trajectory, truth, scene) if known else pd.DataFrame(),
-        "summary": pd.DataFrame([_summary(scene, table, full, truth)]),
+        "summary": pd.DataFrame([_summary(scene, table, replace(full, columns=full.columns | derived), truth)]),
         "stick-phases": pd.DataFrame([row for name in scene.frictional_guides if known
                                       for row in _stick_phases(scene, full, truth, name)]),
         "jumps": pd.concat(jumps, ignore_index=True) if jumps else pd.DataFrame(),
         "findings": pd.DataFrame({"finding": list(_findings(scene, full, set(trajectory.columns)))}, dtype=object)}
-    return Judgement(scene, table, truth, tables, trajectory)
+    return Judgement(scene, table, truth, tables, full)
 
 
 def _within(table: ResultTable, t_end: float) -> ResultTable:
-    """The rows until the end; what rounding adds to the last one is taken off."""
+    """The rows until the end; what rounding adds to the last one is taken off, and angles within a turn go on."""
     kept = table.t <= t_end * (1 + 1e-9)
     if np.count_nonzero(kept) < 2:
         raise InputError(f"{table.origin}: found times from {table.t[0]:g} s on; "
                          f"expected two rows within 0 .. {t_end:g} s")
     t = np.clip(table.t[kept], 0.0, t_end)
-    return replace(table, t=t, columns={name: values[kept] for name, values in table.columns.items()})
+    columns = {name: values[kept] for name, values in table.columns.items()}
+    wrapped = [name for name in columns if name.endswith(".angle") and np.ptp(columns[name]) <= TURN * (1 + 1e-6)]
+    return replace(table, t=t, columns=columns | {name: np.unwrap(columns[name]) for name in wrapped})
 
 
 def trajectory_of(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
@@ -209,9 +213,12 @@ def _has(columns: Mapping[str, Any] | set[str], scene: Scene, *labels: tuple[str
 
 
 def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
-    """Displacements, slip velocities and drift that follow from the states of all bodies, as far as these are given."""
+    """Displacements, slip velocities and drift that follow from what is given: from the states of all bodies.
+
+    Without velocities a slip velocity is the difference quotient of displacements.
+    """
     if not _has(found.columns, scene, POSITIONS):
-        return {}
+        return _rates(scene, found.t, found.columns)
     moves = _has(found.columns, scene, VELOCITIES)
     mechanism = Mechanism(scene, stabilization="none")
     q = np.ascontiguousarray(stacked(found.columns, mechanism.body_names, POSITIONS))
@@ -221,10 +228,13 @@ def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
     columns = build_columns(mechanism, found.t, q, v, np.zeros_like(q), force, None,
                             [*names, "drift.position", "drift.velocity"])
     if not moves:
-        rates = {f"{guide}.slip_velocity": np.gradient(columns[f"{guide}.displacement"], found.t)
-                 for guide in scene.guides}
-        columns |= {**rates, "drift.velocity": np.full(len(found.t), np.nan)}
+        columns |= {**_rates(scene, found.t, columns), "drift.velocity": np.full(len(found.t), np.nan)}
     return columns
+
+
+def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {f"{guide}.slip_velocity": np.gradient(columns[f"{guide}.displacement"], t) for guide in scene.guides
+            if f"{guide}.displacement" in columns}
 
 
 def _step(found: Trajectory) -> float:

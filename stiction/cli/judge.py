@@ -67,7 +67,7 @@ def _end(judged: Judgement, max_error: float | None) -> None:
     if max_error is None:
         return
     if judged.error is None:
-        raise ended(BAD_INPUT, "--max-error: found no position that the truth has; expected one or more")
+        raise ended(BAD_INPUT, "--max-error: found no position whose truth is known; expected one or more")
     if judged.uncertainty >= max_error:
         raise ended(BAD_INPUT, f"--max-error: found {max_error:g} m; expected more than the uncertainty of the truth, "
                                f"{judged.uncertainty:.2g} m")

@@ -16,7 +16,7 @@ import pandas as pd
 
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
 from stiction.comparisons.measures.drift import drift
-from stiction.comparisons.measures.energy_balance import energy_balance, needed_columns
+from stiction.comparisons.measures.energy_balance import energy_balance
 from stiction.comparisons.measures.result_errors import TURN, column_errors
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
@@ -27,6 +27,7 @@ from stiction.comparisons.variants import Record, Variant
 from stiction.engines import coherence
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate
 from stiction.engines.isolation import Outcome
+from stiction.reference_impl.multibody.energies import needed_columns
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Event, InputError, Scene, Trajectory, load_scene, vary

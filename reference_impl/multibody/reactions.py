@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.kinematics import Workspace, workspace
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns, corner_forces
 from stiction.scenes import InputError, Scene
@@ -107,9 +107,13 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown
     return found
 
 
-def row_matrices(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """J^T at each instant (n, 3 * bodies, rows + frictional), and M^-1 Q without joints (n, 3 * bodies)."""
-    w = workspace(m)
+def row_matrices(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray,
+                 w: Workspace | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """J^T at each instant (n, 3 * bodies, rows + frictional), and M^-1 Q without joints (n, 3 * bodies).
+
+    The workspace `w` keeps the quantities of the last instant.
+    """
+    w = workspace(m) if w is None else w
     J, free = np.empty((len(t), len(w.J))), np.empty(q.shape)
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])

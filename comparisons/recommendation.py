@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.methods import called, case_of, grouped_methods, made_methods, methods, same_work
-from stiction.comparisons.presentation.traced_text import Number, TracedText, listed, traced, value
+from stiction.comparisons.presentation.traced_text import Number, TracedText, length, listed, traced
 from stiction.comparisons.results import Results
 from stiction.comparisons.uncertain import rounded_up
 from stiction.engines.registry import OWN_METHODS
@@ -43,7 +43,7 @@ def recommendation(results: Results) -> list[TracedText]:
     """Return the accuracy of the reference, then that of existing engines, with ideal joints and with contacts.
 
     Methods count whose runs succeeded in every case. Engines are compared only where mus and mu are the same and the
-    same part of the work is theirs.
+    same part of the work is theirs. The suite's own contact solver stands behind them, as its own.
     """
     table = results.table("accuracy")
     if POSITION not in table:
@@ -54,13 +54,13 @@ def recommendation(results: Results) -> list[TracedText]:
         return []
 
     def error(row: int) -> TracedText:
-        return value("accuracy", table, row, POSITION)
+        return length("accuracy", table, row, POSITION)
 
-    answers = [traced("The reference is right to {} m in its worst case{}.", error(ranked["reference"]),
+    answers = [traced("The reference is right to {} in its worst case{}.", error(ranked["reference"]),
                       _time(results, "reference"))]
     if (paper := "paper's scheme") in ranked:
         best = table.at[ranked["reference"], POSITION] < table.at[ranked[paper], POSITION]
-        answers.append(traced("Accuracy: {}the paper's scheme has {} m at equal step{}.",
+        answers.append(traced("Accuracy: {}the paper's scheme is right to {}{}.",
                               "use the reference; " if best else "", error(ranked[paper]), _time(results, paper)))
     for heading, fidelity in (("Existing engines, ideal joints", "joint"),
                               ("Existing engines, real contacts", "contact")):
@@ -71,6 +71,8 @@ def recommendation(results: Results) -> list[TracedText]:
                           and table.at[row, "engine"] not in OWN_METHODS]:
                 parts.append(_span(table, theirs))
         if parts:
+            parts += [traced("our {} {}", called(variant, False), error(row)) for variant, row in ranked.items()
+                      if table.at[row, "fidelity"] == fidelity == "contact" and table.at[row, "engine"] in OWN_METHODS]
             answers.append(traced("{}: {}.", heading, listed(parts, "; ", "; ")))
     return answers
 
@@ -78,7 +80,7 @@ def recommendation(results: Results) -> list[TracedText]:
 def _span(table: pd.DataFrame, rows: list[int]) -> TracedText:
     """Return the methods of one group with the smallest and the largest error."""
     errors = table.loc[rows, POSITION]
-    return listed([traced("{} {} m", called(table.at[row, "variant"], False), value("accuracy", table, row, POSITION))
+    return listed([traced("{} {}", called(table.at[row, "variant"], False), length("accuracy", table, row, POSITION))
                    for row in dict.fromkeys((errors.idxmin(), errors.idxmax()))], " to ", " to ")
 
 

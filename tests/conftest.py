@@ -24,7 +24,7 @@ from stiction.comparisons.studies.effects import toggles
 from stiction.comparisons.studies.study import studies
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import Record, Variant
-from stiction.engines import Outcome, isolation
+from stiction.engines import Engine, EngineMissing, Outcome, isolation, load_engine
 from stiction.engines.reference import moreau
 from stiction.engines.reference.engine import ReferenceEngine, compile_kernels
 from stiction.reports import report_of, write_report
@@ -50,6 +50,14 @@ def figures_in_this_process():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("stiction.reports.figures.style.SHARE", 10_000)
         yield
+
+
+def installed(engine: str) -> Engine:
+    """The engine, or a skipped test where its package is missing."""
+    try:
+        return load_engine(engine)
+    except EngineMissing as missing:
+        pytest.skip(str(missing))
 
 
 def called_here(tasks, *, on_result=None, **_):

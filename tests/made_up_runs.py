@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 import numpy as np
+import pandas as pd
 
 from stiction.comparisons.presentation.presentation import Presentation
-from stiction.comparisons.presentation.traced_text import COUNT, NAME, Number
+from stiction.comparisons.presentation.traced_text import COUNT, NAME, RATIO, Number
 from stiction.comparisons.results import Results
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, Record, Variant
 from stiction.engines import Outcome
 from stiction.scenes import Trajectory
 
+NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
 VARIANTS = {"reference": Variant("reference", "reference", "rtol", (1e-9, 1e-12)),
             "paper's scheme": Variant("paper's scheme", "reference", "dt", (1e-2, 1e-3)),
@@ -38,25 +41,43 @@ def about(one: Record) -> dict[str, object]:
     return {**one.describe(), **(suppliers if one.trajectory is not None else {}), "truth": one.scene}
 
 
-def recomputed(number: Number, results: Results) -> float:
-    """The number from the cells that it names."""
-    table = results.tables[number.table]
+def shows(text: str, true: float) -> bool:
+    """Whether a number rounded as in the text may be this one, by its size: 980 stands for 975 to 985."""
+    digits = re.fullmatch(r"-?(\d+)(?:\.(\d+))?(?:e([+-]?\d+))?", text)
+    unit = 10.0 ** (int(digits[3] or 0) - len(digits[2] or ""))
+    significant = len((digits[1] + (digits[2] or "")).strip("0")) or 1
+    if float(text):
+        unit = max(unit, 10.0 ** (np.floor(np.log10(abs(float(text)))) + 1 - significant))
+    return abs(abs(float(text)) - abs(true)) <= 0.500001 * unit
+
+
+def is_in(number: Number, data: dict[str, pd.DataFrame]) -> bool:
+    """Whether the data say the number; nothing here is shared with the code that writes it."""
+    table = data[number.table]
     if number.how == COUNT:
-        chosen = np.ones(len(table), dtype=bool)
         for column, wanted in number.where.items():
-            chosen &= [cell in wanted if isinstance(wanted, frozenset) else cell == wanted for cell in table[column]]
-        return float(chosen.sum())
-    [row] = number.rows
-    return number.factor * abs(table[number.column].iloc[row - 1])
+            table = table[table[column].isin(wanted if isinstance(wanted, frozenset) else [wanted])]
+        return number.text == str(len(table))
+    cells = table[number.column].iloc[[row - 1 for row in number.rows]]
+    if number.how == NAME:
+        return cells.iloc[0].endswith(number.text.replace(" ", "-"))
+    first, *others = re.findall(NUMBER, number.text)
+    if number.how == RATIO:
+        return shows(first, cells.iloc[0] / cells.iloc[1])
+    if number.text.startswith("< "):
+        unsure = table[re.sub("error|distance", "uncertainty", number.column)].iloc[number.rows[0] - 1]
+        return abs(cells.iloc[0]) <= unsure <= float(first)
+    if "bound" in number.column:  # rounded up
+        return all(true * (1 - 1e-12) <= float(first) <= 1.11 * true for true in cells)
+    return all(shows(first, number.factor * true) for true in cells)
 
 
 def wrong_numbers(said: Presentation, results: Results) -> list[Number]:
-    """Numbers of the sentences that their cells do not have, to two digits; a bound may be rounded up."""
+    """Numbers of the sentences that their cells do not have."""
     texts = [said.answer, *said.findings, *(cell for headline in said.headlines for cell in headline.cells.values())]
     numbers = [number for text in texts for number in text.numbers if number.how != NAME]
     assert numbers
-    pairs = [(number, recomputed(number, results)) for number in numbers]
-    return [number for number, true in pairs if abs(float(number.text) - true) > 0.1 * abs(true)]
+    return [number for number in numbers if not is_in(number, results.tables)]
 
 
 def sentences(said: Presentation) -> str:

@@ -7,7 +7,6 @@ import os
 from child_tasks import hang
 
 from stiction.comparisons.studies.sweep import map_row
-from stiction.engines.reference.engine import ReferenceEngine
 
 HANGING, CRASHING = 3.0, 4.0
 """Amplitudes F0, N."""
@@ -15,20 +14,8 @@ HANGING, CRASHING = 3.0, 4.0
 
 def treacherous_row(scene, run, measures, point):
     """The row of the map, unless the point is one that hangs or crashes."""
-    _betray(point["F0"])
-    return map_row(scene, run, measures, point)
-
-
-class Treacherous(ReferenceEngine):
-    """The reference as an engine of others."""
-
-    def run(self, scene, **arguments):
-        _betray(scene.parameters["F0"])
-        return super().run(scene, **arguments)
-
-
-def _betray(amplitude):
-    if amplitude == HANGING:
+    if point["F0"] == HANGING:
         hang()
-    if amplitude == CRASHING:
+    if point["F0"] == CRASHING:
         os.abort()
+    return map_row(scene, run, measures, point)

@@ -16,8 +16,7 @@ from stiction.comparisons.measures.scene_truth import NoOwnRun, ground_truth
 from stiction.comparisons.studies.sweep import SweepRefused
 from stiction.comparisons.timing.older_code import ControlRefused
 from stiction.comparisons.truth import NoMotion, NotThisMechanism, TruthRefused, Undecided
-from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine, isolate,
-                              load_engine, run_isolated)
+from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Refused, Task, UnknownEngine, isolate
 from stiction.reports import FolderRefused
 from stiction.scenes import FileError, InputError, SceneError, StictionError, load_scene
 
@@ -54,12 +53,6 @@ def test_family():
     assert issubclass(InputError, ValueError) and not issubclass(ValueError, StictionError)
 
 
-@pytest.mark.parametrize("arguments", [{"dt": -1.0}, {"dt": 1e-3, "colour": "red"}, {"dt": 1e-3, "stabilization": "glue"}, {"t_end": np.inf}])
-def test_bad_argument_of_an_engine_is_bad_input(arguments):
-    with pytest.raises(InputError, match="expected"):
-        load_engine("reference").simulate(load_scene("pendulum"), **arguments)
-
-
 def test_campaign_has_a_row_for_a_bug_and_its_traceback():
     failed, meant = isolate([Task("bug", wrong_shape), Task("meant", refused_setting)], workers=1, timeout_s=60)
     assert (failed.status, failed.bug) == ("failed", True)
@@ -80,11 +73,6 @@ def test_bug_of_an_engine_in_a_comparison_is_a_row_and_its_traceback(tmp_path, m
         assert ended.exit_code == code, ended.output
         assert "failed" in ended.stdout and "ValueError: operands could not be broadcast" in ended.stdout
         assert "ended with a bug" in ended.stderr and "buggy.py" in ended.stderr and "Traceback" not in ended.stdout
-
-
-def test_crash_and_hang_are_no_bugs_of_python():
-    [outcome] = run_isolated([Job("none", "no_such_package:Engine", load_scene("pendulum"))], workers=1, timeout_s=60)
-    assert (outcome.status, outcome.bug) == ("missing", False)
 
 
 def test_bug_in_a_truth_is_no_refusal(monkeypatch):

@@ -1,7 +1,5 @@
 """Imports are by the installed name and go one way: scenes, reference_impl and engines, comparisons, reports, the command line."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

@@ -1,13 +1,9 @@
 """What a wheel installs: one name, nothing left behind, and it runs in any folder, whatever packages lie there."""
 
-from __future__ import annotations
-
 import os
-import re
 import shutil
 import subprocess
 import sys
-import tomllib
 import zipfile
 from pathlib import Path
 
@@ -91,14 +87,6 @@ def test_beside_packages_of_the_users(installed, theirs, request):
     assert "1 passed" in run(python, "-m", "pytest", "-q", "test_it.py", cwd=theirs)
 
 
-def test_code_comes_from_the_wheel(python, tmp_path):
-    """Otherwise the tests of the wheel say nothing."""
-    modules = ("stiction", *(f"stiction.{name}" for name in FOLDERS))
-    code = f"from importlib.util import find_spec; print(*(find_spec(name).origin for name in {modules}), sep='\\n')"
-    files = [Path(line) for line in run(python, "-c", code, cwd=tmp_path).splitlines()]
-    assert len(files) == len(modules) and all(file.is_relative_to(python.parent.parent) for file in files)
-
-
 def test_a_checkout_on_the_path_is_enough(tmp_path):
     """Without what an editable installation makes, as behind one that was made before the packages had one name."""
     code = ("import sys; sys.meta_path[:] = [finder for finder in sys.meta_path if 'Editable' not in getattr(finder, '__name__', '')]\n"
@@ -121,31 +109,3 @@ def test_commands_of_the_wheel(python, theirs):
     run(python, "-m", "stiction", "check", "--engine", "reference", cwd=theirs, codes=(0, 3, 4), timeout=3000)
     run(python, "-m", "stiction", "nightly", "--scenes", "pendulum", "--out", "night", cwd=theirs, codes=(0, 3, 4), timeout=3000)
     run(python, "-m", "stiction", "page", "night/history.sqlite", cwd=theirs)
-
-
-@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
-@pytest.mark.skipif(not (ROOT / "Makefile").exists(), reason="needs the checkout")
-def test_tests_are_set_up_with_all_engines_or_without(tmp_path):
-    """Each of the two clears the environment of the other, and what CI sets up has every extra that comes as a wheel."""
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    for name in ("Makefile", "pyproject.toml", "constraints.txt"):
-        shutil.copy(ROOT / name, tmp_path)
-
-    def commands(*variables):
-        return subprocess.run(["make", "--dry-run", "test", *variables], cwd=tmp_path, capture_output=True, text=True,
-                              env={key: value for key, value in os.environ.items() if key not in ("MAKEFLAGS", "ENGINES")})
-
-    set_up = {}
-    for variables in ((), ("ENGINES=all",)):
-        told = commands(*variables).stdout
-        [installed] = re.findall(r"-e '\.\[(.*)\]'", told)
-        set_up[variables] = set(installed.split(","))
-        [stamp] = re.findall(r"^touch (.*)$", told, re.MULTILINE)
-        assert "venv --clear .venv" in told and Path(stamp).parts[0] == ".venv"  # so that nothing is left of the other
-        (tmp_path / ".venv").mkdir(exist_ok=True)
-        (tmp_path / stamp).touch()
-        assert "pip install" not in commands(*variables).stdout
-        (tmp_path / stamp).unlink()
-    assert set_up[()] == {"test", "docs"} and set_up["ENGINES=all",] == set(extras) - {"all", "pybullet"}
-    wrong = commands("ENGINES=mujoco")
-    assert wrong.returncode and "ENGINES=mujoco: expected all, or nothing" in wrong.stderr

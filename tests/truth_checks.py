@@ -1,19 +1,46 @@
-"""Checks of truths by their columns alone: derivatives, balances of forces and energy, laws of a guide's contact."""
+"""Checks of truths by their columns alone: rates, balances of forces, laws of a guide's contact; and two scenes that no catalogue has."""
+
+import copy
 
 import numpy as np
+from reference_checks import MOTION, balance_residual
+
+from stiction.scenes import load_scene, scene_from_dict, vary
 
 
-def cross(arm, force):
-    return arm[0] * force[1] - arm[1] * force[0]
+def rocking_trammel(**changes):
+    """The catalogue's trammel from rest, with a spring and a sine force, so that it comes to rest again and again."""
+    raw = copy.deepcopy(vary(load_scene("elliptic-trammel"), {"w": 0, "T": 0, "mu": 0.1, "mus": 0.15, **changes})._raw)
+    raw["springs"] = {"spring": {"type": "linear", "bodies": ["slider-x", "ground"], "axis": [1, 0], "stiffness": 40}}
+    raw["forces"]["load"] = {"type": "force", "body": "slider-x", "direction": [1, 0], "law": {"type": "sine", "amplitude": 10, "frequency": 4}}
+    return scene_from_dict(raw, "rocking")
 
 
-def vector(c, name):
-    return np.array([c[f"{name}x"], c[f"{name}y"]])
+def driven_arm():
+    """The arm of the catalogue, turned by a motor instead of swinging."""
+    raw = copy.deepcopy(load_scene("slider-on-moving-guide", {"w": 2.0})._raw)
+    raw["drives"] = {"motor": {"type": "angle", "bodies": ["arm", "ground"], "law": {"type": "linear", "offset": "phi", "rate": "w"}}}
+    del raw["springs"]["twist"]
+    return scene_from_dict(raw, "driven arm")
 
 
-def balance(scene, body, c):
-    """m (a - g): the force that everything but gravity has to supply."""
-    return scene.bodies[body].mass * (vector(c, f"{body}.a") - np.array(scene.gravity)[:, None])
+def check_newton_and_euler(scene, truth, rtol=1e-12):
+    """By the dense equations of motion, which the truths share nothing with; what has no column does not move."""
+    t = np.linspace(0, truth.t_end, 1001)
+    still = {f"{body}.{label}": np.full(len(t), value) for body, start in scene.bodies.items()
+             for label, value in zip(MOTION, (*start.position, start.angle, *np.zeros(6)))}
+    assert balance_residual(scene, t, still | truth(t)) < rtol  # rounding, relative to the largest force
+
+
+def check_motion(scene, truth, atol):
+    """Velocities and accelerations are rates, and no state jumps at an event."""
+    columns = truth(0.0)
+    pairs = [(f"{body}.{one}", f"{body}.{other}") for body in scene.bodies for k in range(6) for one, other in [(MOTION[k], MOTION[k + 3])]]
+    check_derivatives(truth, [pair for pair in pairs if set(pair) <= columns.keys()], 1500, atol)
+    for event in truth.events:
+        for body in scene.bodies:
+            for name in (f"{body}.{label}" for label in MOTION[:6]):
+                assert abs(event.jump(name)) < 1e-12 if name in columns else True, name
 
 
 def derivative(truth, t, name, h=1e-3):
@@ -34,25 +61,6 @@ def check_derivatives(truth, pairs, n, atol):
     t = between_events(truth, n)
     for value, rate in pairs:
         np.testing.assert_allclose(derivative(truth, t, value), truth(t)[rate], atol=atol)
-
-
-def quadrature(truth, order=40, pieces=8):
-    """Instants and weights that integrate columns over time by Gauss-Legendre.
-
-    Every interval between events is in `pieces` parts, so that no jump or kink lies within one.
-    """
-    x, w = np.polynomial.legendre.leggauss(order)
-    ends = np.unique([0.0, *(event.time for event in truth.events), truth.t_end])
-    ends = np.append(np.concatenate([np.linspace(a, b, pieces + 1)[:-1] for a, b in zip(ends, ends[1:])]), ends[-1])
-    half, middle = np.diff(ends)[:, None] / 2, (ends[1:] + ends[:-1])[:, None] / 2
-    return (middle + half * x).ravel(), (half * w).ravel()
-
-
-def check_energy(truth, energy, power, atol):
-    """The energy of the columns changes by the work of the forces, whose power is that of columns and time."""
-    t, weight = quadrature(truth)
-    first, last = (energy(truth(time))[0] for time in (0.0, truth.t_end))
-    assert abs(last - first - power(truth(t), t) @ weight) < atol
 
 
 def check_contact(c, guide, joint, atol):

@@ -11,6 +11,8 @@ from stiction.comparisons.presentation.cells import cell, uncertainty_of
 from stiction.comparisons.uncertain import Uncertain
 
 VALUE, COUNT, RATIO, NAME = "value", "count", "ratio", "name"
+MILLIMETRES = 1e-6
+"""Metres; lengths from here on are written in mm."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,13 @@ def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "
 def scaled_value(table: str, rows: pd.DataFrame, label: int, column: str, factor: float = 1e3) -> Number:
     """Return a cell in another unit, to two digits: by default a time in ms, a length in mm."""
     return Number(short(factor * rows.at[label, column]), table, column, VALUE, (label + 1,), factor=factor)
+
+
+def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:
+    """A length with its unit: ``0.24 mm``, ``1.3e-11 m``."""
+    if abs(table.at[row, column]) < MILLIMETRES:
+        return traced("{} m", value(name, table, row, column))
+    return traced("{} mm", scaled_value(name, table, row, column))
 
 
 def interval(table: str, rows: pd.DataFrame, label: int, column: str, unsure: str = "") -> Number:

@@ -17,8 +17,8 @@ from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.methods import (Method, called, case_of, drawn_runs, grouped_methods, groups, known_of,
                                           made_methods, methods, same_work, title_of, with_columns)
 from stiction.comparisons.presentation import (LIMIT, NAME, Axis, Chart, Column, Headline, Number, Panel, Presentation,
-                                               Series, TableView, TracedText, count, listed, scaled_value, sentence,
-                                               traced, value, view)
+                                               Series, TableView, TracedText, count, length, listed, sentence, traced,
+                                               value, view)
 from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -39,8 +39,6 @@ ROW_HEIGHT = 1.8
 """Inches of a row of panels."""
 MARGIN = 1.5
 """Factor between the largest value and the end of a logarithmic axis."""
-MILLIMETRES = 1e-6
-"""Metres; lengths from here on are written in mm."""
 NOTES = ("Position error: the largest over all bodies and output times. Page one has that of the worst case.",
          "joint: an ideal guide with a friction law. contact: the slider touches two surfaces with clearance.",
          "mus = mu: the engine has no static coefficient of its own. Its truth has the same physics.",
@@ -96,13 +94,6 @@ def present(results: Results) -> Presentation:
     tables = (_by_method(results, table, found), *_by_scene(table))
     return Presentation(answer, tuple(filter(None, findings)), (headline,), tables,
                         (_over_step(table, found), *_differences(results, table)), NOTES)
-
-
-def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:
-    """A length with its unit: ``0.24 mm``, ``1.3e-11 m``."""
-    if abs(table.at[row, column]) < MILLIMETRES:
-        return traced("{} m", value(name, table, row, column))
-    return traced("{} mm", scaled_value(name, table, row, column))
 
 
 def _reached(table: pd.DataFrame, method: Method) -> TracedText:

@@ -93,7 +93,7 @@ def present(results: Results) -> Presentation:
     findings = [_contacts(reached), _not_reached(cost, reached, first), _limited(equal, cost["scene"].nunique()),
                 _accelerations(cost, first), _set_up(cost), _disturbed(cost)]
     tables = [_table(cost, rows, str(scene), first) for scene, rows in equal.groupby("scene", sort=False)]
-    return Presentation(_answer(reached, first), tuple(filter(None, findings)),
+    return Presentation(_answer(cost, reached, first), tuple(filter(None, findings)),
                         _headlines(results, cost, reached, first), (*tables, _limits(cost, equal), _every_run(cost)),
                         (_figure(cost),), NOTES)
 
@@ -137,12 +137,14 @@ def _range(rows: pd.DataFrame) -> TracedText:
     return listed([_bounded(rows, label) for label in ends], last=" to ")
 
 
-def _answer(reached: pd.DataFrame, first: str) -> TracedText:
+def _answer(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> TracedText:
     if reached.empty:
         return traced("No timed run is accurate to {} in {}.", MILLIMETRE, case_of(first))
     parts: list[Part] = [traced("{} {} ms", called(variant), _bounded(reached, int(label)))
                          for variant in (REFERENCE, PAPER) for label in reached.index[reached["variant"] == variant]]
-    parts += filter(None, [sentence("engines with ideal joints {} ms", _engines(reached, "joint"))])
+    slower = _not_timed(cost[cost["fidelity"] == "joint"], reached, first)
+    parts += filter(None, [sentence("engines with ideal joints {} ms", _engines(reached, "joint")),
+                           sentence("{} longer than was timed", listed(slower))])
     return traced("CPU to an error of {} in {}: {}.", MILLIMETRE, case_of(first),
                   listed(parts or [traced("engines {} ms", _range(reached))]))
 
@@ -154,10 +156,15 @@ def _contacts(reached: pd.DataFrame) -> TracedText:
 
 def _not_reached(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> TracedText:
     """External engines whose timed runs all have a larger error; whether a finer one would do is not known."""
+    names = _not_timed(cost, reached, first)
+    return sentence("No timed run of {} is accurate to {} there.", listed(names, last=" or "), MILLIMETRE)
+
+
+def _not_timed(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> list[str]:
+    """Names of the external engines without a timed run that is accurate to `TARGET`."""
     timed = cost[_measured(cost) & _is_timed(cost) & (cost["scene"] == first)]
     timed = timed[(timed["parameter"] == "dt") & (timed["engine"] != REFERENCE)]
-    names = [called(variant) for variant in dict.fromkeys(timed["variant"]) if variant not in set(reached["variant"])]
-    return sentence("No timed run of {} is accurate to {} there.", listed(names, last=" or "), MILLIMETRE)
+    return [called(variant) for variant in dict.fromkeys(timed["variant"]) if variant not in set(reached["variant"])]
 
 
 def _limited(equal: pd.DataFrame, scenes: int) -> TracedText:

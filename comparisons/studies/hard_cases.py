@@ -64,7 +64,7 @@ def _engines(mechanical: pd.DataFrame, cells: dict[str, TracedText]) -> list[Tra
         right = rows["verdict"].eq(RIGHT).groupby(rows["variant"], sort=False).sum()
         ends = dict.fromkeys((right.idxmax(), right.idxmin()))
         said = [traced("{} {}", called(variant, False), cells[variant]) for variant in ends]
-        parts.append(traced("{}s {}", str(fidelity), listed(said, " to ", " to ")))
+        parts.append(traced("with {}s {}", str(fidelity), listed(said, " to ", " to ")))
     return parts
 
 

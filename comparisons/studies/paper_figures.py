@@ -81,7 +81,8 @@ def _time_series(results: Results, scene: str) -> Iterator[Chart]:
         time = Axis(TIME, limits=(0.0, float(t[-1])))
         panels = [Panel("", time, Axis(words), [Series(label, t, frame[column].to_numpy())], shades=stick_phases(truth))
                   for column, words in known.items()]
-        yield Chart(name, f"{caption}. Grey: stick phases of the truth.", panels,
+        shaded = "Grey: stick phases of the truth." if stick_phases(truth) else "There are no stick phases."
+        yield Chart(name, f"{caption}. {shaded}", panels,
                     columns=2 if len(panels) > 2 else 1, height=1.35)
 
 

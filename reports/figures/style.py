@@ -24,7 +24,6 @@ from matplotlib.ticker import NullFormatter
 from stiction.child_processes import child_context
 from stiction.comparisons.atomic_files import whole_file
 from stiction.comparisons.results import Results
-from stiction.reports.figures.svg import lean
 from stiction.scenes import InputError
 from stiction.scenes.pictures.picture import content
 
@@ -216,5 +215,4 @@ def write_figure(drawing: Drawing, path: Path) -> None:
     """Write one figure to a file of any name; the ending says as what."""
     kind = path.suffix.lower().removeprefix(".")
     with whole_file(path) as partial_file:
-        data = content(drawing.figure, kind, **_UNDATED[kind])
-        partial_file.write_bytes(lean(data.decode()).encode() if kind == "svg" else data)
+        partial_file.write_bytes(content(drawing.figure, kind, **_UNDATED[kind]))

@@ -1,4 +1,4 @@
-// Sets up the charts of the page: selects that pick a view by its labels, data read when they are first shown, a mechanism that follows the cursor.
+// Sets up the pictures and charts of the page: selects that pick a view by its labels, data read when they are first shown, a mechanism that follows the cursor.
 "use strict";
 
 class Board {
@@ -71,10 +71,17 @@ class Board {
   }
 }
 
-Promise.all([...document.querySelectorAll(".board")].map(element => new Board(element).show().catch(error => {
-  element.prepend(`The data of this chart could not be read: ${error}. It takes a browser with DecompressionStream.`);
+async function showPicture(image) {
+  const svg = await inflate(image.dataset.svg).arrayBuffer();
+  image.src = URL.createObjectURL(new Blob([svg], {type: "image/svg+xml"}));
+}
+
+const showAll = (kind, show) => [...document.querySelectorAll(kind)].map(element => show(element).catch(error => {
+  element.closest(".board, .picture").prepend(`This could not be read: ${error}. It takes a browser with DecompressionStream.`);
   throw error;
-}))).then(() => { document.body.dataset.ready = "yes"; });
+}));
+Promise.all([...showAll(".board", board => new Board(board).show()), ...showAll("img[data-svg]", showPicture)])
+  .then(() => { document.body.dataset.ready = "yes"; });
 
 addEventListener("hashchange", () => {  // a link may lead into a section that is closed
   const target = document.getElementById(decodeURIComponent(location.hash.slice(1))), section = target?.closest("details");

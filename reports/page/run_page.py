@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterator
 from html import escape
 from pathlib import Path
-from urllib.parse import quote
 
 from stiction.comparisons.atomic_files import write_text
 from stiction.comparisons.presentation.presentation import Presentation
@@ -20,12 +19,11 @@ from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import keys, resolve
 from stiction.scenes import InputError
+from stiction.scenes.pictures.web import compressed
 
 HINT = ("The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard "
         "+, - and 0. Grey: stick phases of the truth. A difference is that of two samples of one time, from the truth "
         "of the physics that the run has; none is drawn where it is zero.")
-UNQUOTED = " /:;=,.?!@$*()+-_~|[]{}<>'"
-"""Signs that stand as they are in the address of a picture, which is an attribute in double quotes."""
 
 
 def write_run_page(run: StoredRun, file: Path) -> None:
@@ -66,14 +64,13 @@ def _section(run: StoredRun, said: Presentation) -> Iterator[str]:
 
 
 def _figure(run: StoredRun, name: str, caption: str) -> str:
-    """The SVG of the run folder, as an image that needs no other file."""
+    """The SVG of the run folder, compressed, as ``page.js`` shows it."""
     path = run.folder / "figures" / f"{name}.svg"
     if not path.is_file():
         raise InputError(f"{path}: not part of this folder; expected a run folder of this version of `stiction "
                          "validate`")
-    source = quote(path.read_text(encoding="utf-8"), safe=UNQUOTED)
     return (f'<figure><div class="picture" tabindex="0" role="region" aria-label="{escape(name)}">'
-            f'<img alt="{escape(caption)}" loading="lazy" decoding="async" src="data:image/svg+xml,{source}"></div>'
+            f'<img alt="{escape(caption)}" decoding="async" data-svg="{compressed(path.read_bytes())}"></div>'
             f"<figcaption>{escape(caption)}</figcaption></figure>")
 
 

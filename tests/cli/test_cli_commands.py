@@ -8,21 +8,19 @@ import subprocess
 import sys
 import threading
 import time
-from importlib.metadata import version
 from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import installed
 from typer.testing import CliRunner
 
-import stiction
 from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED, INTERRUPTED, TERMINATED, terminate
 from stiction.cli.render import show, show_trajectory
-from stiction.comparisons.truth import PROVEN, slider_bar_truth
-from stiction.engines import EngineMissing, load_engine
+from stiction.comparisons.truth import slider_bar_truth
 from stiction.scenes import Trajectory, load_scene, vary
 
 SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
@@ -152,12 +150,6 @@ class TestRun:
         lines = [line.split() for line in ended.output.splitlines() if "-guide" in line and not line.startswith(("driven", "free"))]
         assert {(line[2], len(line)) for line in lines} == {("driven-guide", 4), ("free-guide", 3)}
 
-    def test_other_engine_with_its_settings(self, tmp_path):
-        result = invoke("run", "slider-bar-case-1", "--engine", "pymunk", "--dt", "1/200", "--t-end", "0.5",
-                        "--setting", "iterations=20")
-        assert "pymunk" in result.stdout and "0.005" in result.stdout
-        assert ["iterations", "20"] in [line.split() for line in result.stdout.splitlines()]
-
     def test_forces_that_guides_at_rest_leave_open(self, tmp_path):
         """Friction and normal forces of the trammel; the file has empty cells, and the figure gaps."""
         command = ("run", "hard/trammel-at-rest", "--engine", "pymunk", "--t-end", "0.1", "--dt", "1e-3")
@@ -166,17 +158,6 @@ class TestRun:
         invoke(*command, "--out", str(tmp_path / "run.csv"))
         frame = pd.read_csv(tmp_path / "run.csv")
         assert frame["guide-x.friction"].isna().all() and frame["guide-x.moment"].notna().all() and (tmp_path / "run.svg").stat().st_size > 1000
-
-    def test_assembled_start(self, tmp_path):
-        invoke("run", "slider-bar-case-1", "--set", "bar.position.0=1.3", "--assemble", "--engine", "pymunk", "--dt", "1e-3",
-               "--t-end", "0.01", "--out", str(tmp_path / "run.csv"))
-        start = pd.read_csv(tmp_path / "run.csv").iloc[0]
-        assert start["drift.position"] < 1e-14 < abs(start["bar.x"] - 1.3)
-
-    def test_same_twice(self, tmp_path):
-        for name in ("one.csv", "two.csv"):
-            invoke("run", "mass-on-belt", "--t-end", "1", "--out", str(tmp_path / name))
-        assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "two.csv").read_bytes()
 
 
 @pytest.mark.usefixtures("compiled")
@@ -214,15 +195,6 @@ class TestFailures:
     def test_refusal_of_the_suite(self):
         result = invoke("run", "pendulum", "--engine", "pymunk", "--fidelity", "contact", exit_code=FAILED)
         assert "refused" in result.output and "no translational joint" in result.output
-
-    def test_failures_are_rows_of_a_comparison(self, broken_engine, tmp_path):
-        result = invoke("compare", "drift", "pendulum", "--quick", "--t-end", "0.1", "--engines", broken_engine,
-                        "--out", str(tmp_path / "drift.csv"))
-        table = pd.read_csv(tmp_path / "drift.csv")
-        lost = table[table["engine"] == broken_engine]
-        assert len(lost) and set(lost["status"]) == {"failed"} and set(lost["reason"]) == {"Newton did not converge at t = 0.3"}
-        assert (table[table["engine"] == "reference"]["status"] == "ok").all()
-        assert "Newton did not converge" in result.stdout
 
     def test_nobody_comes_out(self):
         result = invoke("compare", "drift", "pendulum", "--quick", "--timeout", "1e-9", "--engines", "reference", exit_code=FAILED)
@@ -265,18 +237,10 @@ class TestLists:
         assert any(row[:1] == ["reference"] and row[2:4] == ["joint", "yes"] for row in rows)
         assert any(row[:1] == ["exudyn"] and row[2:4] == ["contact", "no"] for row in rows)
 
-    def test_one_engine_with_its_settings(self):
-        result = invoke("engines", "pymunk")
-        assert re.search(r"^iterations +50 +100$", result.output, re.MULTILINE) and "collision_slop (overlap in metres" in result.output.replace("`", "")
-        assert "expected reference, moreau" in invoke("engines", "nosuch", exit_code=2).stderr
-
     @pytest.mark.parametrize(("engine", "fidelity"), [("reference", "joint"), ("moreau", "contact"), ("exudyn", "joint"), ("exudyn", "contact"), ("pymunk", "joint"),
                                                       ("pymunk", "contact"), ("pybullet", "joint"), ("pybullet", "contact"), ("mujoco", "joint"), ("drake", "joint"), ("dart", "joint"), ("dart", "contact")])
     def test_defaults_that_are_told_are_those_of_a_run(self, engine, fidelity, compiled):
-        try:
-            found = load_engine(engine)
-        except EngineMissing as error:
-            pytest.skip(str(error))
+        found = installed(engine)
         scene = vary(load_scene("block-on-incline"), {"guide.mus": None})
         told = found.default_settings(fidelity)
         plain, given = (found.simulate(scene, t_end=0.05, fidelity=fidelity, **settings) for settings in ({}, told))
@@ -318,17 +282,6 @@ class TestProcess:
             ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
             assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
 
-    def test_reader_that_leaves(self):
-        process = self.command("scenes")
-        process.stdout.close()
-        assert process.stderr.read() == ""
-        process.wait(timeout=HANGS)
-
-    @pytest.mark.parametrize("command", [["run"], ["compare"], ["compare", "drift"], ["baseline", "update"]])
-    def test_help_of_a_command_leads_to_the_exit_codes_in_a_line(self, command):
-        said = invoke(*command, "--help").stdout.partition("Exit codes:")[2]
-        assert "stiction --help" in said.replace("\n", " ") and len(said) < 160
-
     def test_help_names_the_exit_codes_and_imports_nothing_heavy(self):
         code = ("import sys; from stiction.cli.app import app; sys.argv = ['stiction', '--help']; app(standalone_mode=False); "
                 "print('heavy:', sys.modules.keys() & {'numpy', 'scipy', 'numba', 'pandas', 'matplotlib', 'pydantic'})")
@@ -361,26 +314,6 @@ class TestProcess:
         assert b"0/?" not in b"".join(shown) and b"left" not in b"".join(shown)  # of one run nobody knows how long it takes
 
 
-class TestPython:
-    def test_the_two_functions(self):
-        assert stiction.load_scene("pendulum").name == "pendulum"
-        assert stiction.load_engine("reference").name == "reference"
-        with pytest.raises(AttributeError, match="load_scenes"):
-            _ = stiction.load_scenes
-
-
-@pytest.mark.long
-def test_validate(tmp_path):
-    result = invoke("validate", "--quick", "--engines", "pymunk", "--out", str(tmp_path / "report"))
-    report = (tmp_path / "report" / "report.md").read_text()
-    assert result.stdout.splitlines()[0] == str(tmp_path / "report" / "report.md")
-    assert len(result.stdout.splitlines()) == 6
-    assert "pymunk" in report and list((tmp_path / "report" / "figures").glob("*.svg"))
-    accuracy = pd.read_parquet(tmp_path / "report" / "data" / "accuracy.parquet")
-    assert len(accuracy) > 10
-    assert set(accuracy["truth tier"]) == {PROVEN}
-
-
 def test_the_traceback_of_an_engine_on_request(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
@@ -389,19 +322,6 @@ def test_the_traceback_of_an_engine_on_request(tmp_path, monkeypatch):
     brief, full = invoke(*arguments, exit_code=1), invoke(*arguments, "--traceback", exit_code=1)
     assert "failed: Newton" in brief.output and "Traceback" not in brief.output
     assert "Traceback" in full.stderr and "raise EngineFailure(" in full.stderr and "failed: Newton" in full.stderr
-
-
-def test_version():
-    result = invoke("--version")
-    assert result.stdout == f"stiction {version('stiction')}\n"
-
-
-def test_an_output_step_longer_than_the_run_leaves_start_and_end(tmp_path):
-    invoke("run", "pendulum", "--t-end", "1", "--output-step", "1e9", "--out", str(tmp_path / "long.csv"))
-    invoke("run", "pendulum", "--t-end", "1", "--out", str(tmp_path / "usual.csv"))
-    long, usual = (pd.read_csv(tmp_path / name) for name in ("long.csv", "usual.csv"))
-    assert list(long["t"]) == [0, 1]
-    assert long["mass.x"].iloc[1] == pytest.approx(usual["mass.x"].iloc[-1], abs=1e-8) != long["mass.x"].iloc[0]  # rtol is 1e-9
 
 
 class Terminal(StringIO):
@@ -423,16 +343,6 @@ def test_no_number_is_cut_on_a_narrow_terminal(width, monkeypatch):
     for number in numbers:
         assert len(re.findall(rf"(?<!\S){re.escape(number.strip())}(?!\S)", shown)) == 2, number
     assert all(word in shown for text in words for word in text.split())
-
-
-def test_of_a_table_without_rows_nothing_is_shown(capsys):
-    show(("setting", "value"), [])
-    assert capsys.readouterr().out == ""
-
-
-def test_without_a_terminal_a_row_is_a_line(capsys):
-    show(("scene", "title"), [("pendulum", "Simple pendulum"), ("block-on-incline", "Block")])
-    assert capsys.readouterr().out.splitlines() == ["scene             title", "pendulum          Simple pendulum", "block-on-incline  Block", ""]
 
 
 def test_more_instants_than_fit_are_bad_input():

@@ -9,15 +9,10 @@ from typer.testing import CliRunner
 from stiction.cli.app import app
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.equation_blocks import (blocks, constraint_components, constraint_rows,
-                                                               hlcp_size, rank)
+from stiction.reference_impl.multibody.equation_blocks import constraint_components, constraint_rows, hlcp_size, rank
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import catalogue, load_scene, scene_from_dict
-
-
-def declared(scene):
-    return {block.name for block in blocks(scene) if block.elements}
 
 
 def table_row(text, *begin):
@@ -68,20 +63,6 @@ class TestConstraintGraph:
         # the pendulum is a point on a massless rod: its angle is free too
         scene = load_scene(name)
         assert 3 * len(scene.bodies) - rank(scene) == freedoms
-
-
-class TestEffects:
-    def test_only_what_is_declared(self):
-        assert declared(load_scene("pendulum")) == {"bodies", "gravity", "drives"}
-        full, frictionless = (declared(load_scene(f"slider-bar-case-1{end}")) for end in ("", "-frictionless"))
-        assert full - frictionless == {"friction", "surface levers", "static coefficient"}
-        assert full - declared(load_scene("slider-bar-case-1-mus-equals-mu")) == {"static coefficient"}
-
-    @pytest.mark.parametrize(("removed", "effect"), [
-        ("gravity", "gravity"), ("stabilization", "stabilization"), ("spring.stiffness", "springs"), ("guide.width", "surface levers")])
-    def test_removed_is_left_out(self, removed, effect):
-        scenes = [load_scene("slider-bar-case-1", overrides) for overrides in ({}, {removed: None})]
-        assert declared(scenes[0]) - declared(scenes[1]) == {effect}
 
 
 class TestCommand:

@@ -1,7 +1,5 @@
 """A scene is a test in three lines in a repository that is not ours."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib

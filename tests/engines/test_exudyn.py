@@ -233,17 +233,6 @@ class TestClosedForms:
 
 
 class TestEffects:
-    def test_nothing_of_python_runs_in_a_step_without_friction(self, engine, monkeypatch):
-        from stiction.engines.exudyn import stepping
-
-        def never(*args):
-            raise AssertionError("friction machinery in a scene without friction")
-
-        monkeypatch.setattr(stepping, "FrictionalGuide", never)
-        monkeypatch.setattr(stepping.Stepper, "_judge", never)
-        trajectory = engine.simulate(load_scene("slider-bar-case-1-frictionless"), t_end=0.2)
-        assert "friction" not in trajectory.settings and not trajectory.events
-        assert trajectory.cost.counters["steps"] == 100
 
     def test_gradient_of_distances(self):
         """The row is the derivative of the value; an axis that turns has a lever across it."""
@@ -292,10 +281,6 @@ class TestRefusalsAndFailures:
         with pytest.raises(Refused, match="one coefficient"):
             engine.simulate(load_scene("slider-bar-case-1"), fidelity="contact")
 
-    def test_contacts_need_a_box(self, engine):
-        with pytest.raises(Refused, match="length and width"):
-            engine.simulate(load_scene("coulomb-oscillator"), fidelity="contact")
-
     def test_damper_without_direction(self, engine):
         damper = {"type": "linear", "bodies": ["a", "ground"], "damping": 1}
         with pytest.raises(Refused, match="springs.damper"):
@@ -343,12 +328,6 @@ class TestRefusalsAndFailures:
     def test_bad_settings(self, engine, settings, words):
         with pytest.raises(ValueError, match=words):
             engine.simulate(load_scene("pendulum"), **settings)
-
-    def test_output_grid(self, engine):
-        trajectory = engine.simulate(load_scene("slider-bar-case-1"), t_end=1.003, dt=2e-3, output_step=0.0099)
-        steps = np.diff(trajectory.t)
-        assert np.all(steps > 0) and trajectory.t[-1] == pytest.approx(1.003, abs=1e-12)
-        np.testing.assert_allclose(steps[:-1], 0.01, atol=1e-9)
 
 
 def test_a_start_in_motion_settles_where_all_friction_would_not(engine):

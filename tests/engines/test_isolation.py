@@ -22,9 +22,7 @@ from child_tasks import (Treacherous, announce_and_hang, burn, fail, hang, hang_
 
 from stiction.child_processes import undisturbed_end
 from stiction.cli.exit_codes import Terminated, terminate
-from stiction.comparisons.campaigns.checkpoint import kept_file, kept_runs
-from stiction.comparisons.studies.steady_state_measures import SteadyRun
-from stiction.comparisons.studies.sweep import Specification, parse_axis, sweep
+from stiction.comparisons.campaigns.checkpoint import kept_runs
 from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine,
                               engine_names, isolate, isolation, load_engine, run_isolated)
 from stiction.engines.gate import required_columns
@@ -74,10 +72,6 @@ def test_each_end_has_its_status_and_words(outcomes, label, status, reason):
     assert (outcome.status, reason in outcome.reason) == (status, True), outcome
     assert "\n" not in outcome.reason
     assert (outcome.value is not None) == (status == "ok")
-
-
-def test_healthy_tasks_between_disasters_keep_their_values(outcomes):
-    assert (outcomes["first"].value, outcomes["last"].value) == (42, 6)
 
 
 def test_native_words_on_abort_reach_reason_and_log(outcomes):
@@ -179,12 +173,6 @@ def test_idle_child_that_is_killed_costs_nothing():
     assert first.value != second.value
 
 
-def test_children_are_reused():
-    values = {outcome.value for outcome in isolate([Task(str(i), process_id) for i in range(6)], workers=2,
-                                                   timeout_s=TIMEOUT_S)}
-    assert len(values) <= 2 and os.getpid() not in values
-
-
 def alive(pid):
     """Whether the process runs (a zombie that nobody has reaped yet does not)."""
     try:
@@ -270,17 +258,6 @@ def test_signals_while_children_are_ended_leave_none(on_result, told, as_the_com
     assert signal.getsignal(signal.SIGTERM) is terminate and signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks processes up in /proc")
-def test_signals_while_a_sweep_ends_leave_no_child(as_the_command, monkeypatch, tmp_path, compiled):
-    children, start = [], isolation._Child.__init__
-    monkeypatch.setattr(isolation._Child, "__init__", lambda child, folder: [start(child, folder), children.append(child._process.pid)][0])
-    _again(monkeypatch, isolation._Child, "kill")
-    swept = Specification(load_scene("slider-bar-case-1"), (parse_axis("F0=1:6:40"),), ("stick-fraction",), SteadyRun(8.0, 48.0), TIMEOUT_S)
-    with pytest.raises(Terminated):
-        sweep(swept, tmp_path / "out", workers=1, on_result=lambda _: signal.raise_signal(signal.SIGTERM))
-    assert children and not any(map(alive, children)) and kept_file(tmp_path / "out").exists()
-
-
 def test_signals_while_a_campaign_ends_leave_what_was_kept(as_the_command, monkeypatch, tmp_path):
     _again(monkeypatch, isolation._Child, "kill")
     tasks = [Task("a", product, (6, 7)), Task("b", hang)]
@@ -301,14 +278,6 @@ def test_an_interrupt_that_was_dropped_can_be_sent_again(as_the_command):
         signal.raise_signal(signal.SIGTERM)
 
 
-def test_what_on_result_raises_ends_the_campaign():
-    def complain(outcome):
-        raise BrokenPipeError("nobody reads")
-
-    with pytest.raises(BrokenPipeError, match="nobody reads"):
-        isolate([Task("a", product, (1, 1)), Task("b", hang)], workers=2, timeout_s=TIMEOUT_S, on_result=complain)
-
-
 def test_task_that_cannot_be_pickled_is_an_error_before_anything_runs(tmp_path):
     with pytest.raises((AttributeError, TypeError, pickle.PicklingError), match="pickle"):
         isolate([Task("a", announce_and_hang, (str(tmp_path / "pid"),)), Task("b", lambda: 1)], timeout_s=1)
@@ -319,10 +288,6 @@ def test_task_that_cannot_be_pickled_is_an_error_before_anything_runs(tmp_path):
 def test_senseless_arguments(arguments):
     with pytest.raises(ValueError, match="expected numbers > 0"):
         isolate([], **arguments)
-
-
-def test_nothing_to_do():
-    assert isolate([], timeout_s=1) == []
 
 
 class Toy(Engine):
@@ -439,13 +404,6 @@ def test_what_an_engine_has_not_declared_is_refused_before_it_runs(engine, asked
         engine().simulate(load_scene("slider-crank"), **asked)
 
 
-def test_an_undeclared_setting_on_the_command_line_is_bad_input(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parent)
-    for option in (["--setting", "foo=1"], ["--rtol", "1e-4"]):
-        ended = command("run", "hard/no-weight", "--engine", f"{__name__}:Untouched", *option)
-        assert ended.exit_code == 2 and ("expected one of crash, fail" in ended.output or "expected dt" in ended.output), ended.output
-
-
 def test_a_mistake_in_an_adapter_of_others_is_shown_as_it_is():
     with pytest.raises(KeyError, match="version"):
         load_engine(f"{__name__}:Mistaken")
@@ -493,11 +451,6 @@ class Boasting(Toy):
     capabilities = "all"
 
 
-class Speechless(Toy):
-    def refusal(self, scene, fidelity):
-        return {}["scene"]
-
-
 BROKEN = {"Mistaken": "KeyError: 'version'", "Unable": "ZeroDivisionError: no idea", "Boasting": "capabilities is 'all'", "NoEngine": "expected a class derived from"}
 
 
@@ -525,14 +478,6 @@ def command(*arguments):
     return ended
 
 
-@pytest.mark.parametrize("broken", BROKEN)
-def test_a_broken_adapter_that_a_package_announces_is_missing_with_its_reason(broken, announced):
-    announced(broken)
-    with pytest.raises(EngineMissing) as caught:
-        load_engine(broken.lower())
-    assert f"{broken.lower()}: its adapter {__name__}:{broken}" in str(caught.value) and BROKEN[broken] in str(caught.value)
-
-
 def test_broken_adapters_of_others_end_no_command(announced, in_this_process):
     """They are rows of `engines` and `explain`, a missing run of a comparison, and no obstacle to a campaign without them."""
     announced(*BROKEN, "Toy")
@@ -556,25 +501,8 @@ def test_broken_adapters_of_others_end_no_command(announced, in_this_process):
     assert night.exit_code == 4 and all(reason in night.output for reason in BROKEN.values()), night.output
 
 
-def test_an_adapter_that_cannot_say_what_it_refuses_is_a_row(announced):
-    announced("Speechless")
-    [line] = [line for line in command("explain", "pendulum").output.splitlines() if line.startswith("speechless ")]
-    assert "its adapter fails: KeyError: 'scene'" in line
-
-
 @pytest.mark.parametrize(("wrong", "words"), [({"static_coefficient": True}, "static_coefficient: found True; expected a mapping"),
                                               ({"fidelities": "joint"}, "fidelities: found 'joint'"), ({"fidelities": ("rigid",)}, "expected a tuple of 'joint' or 'contact'")])
 def test_capabilities_of_another_kind_are_told_at_once(wrong, words):
     with pytest.raises((TypeError, ValueError), match=words):
         replace(Toy.capabilities, **wrong)
-
-
-def test_engines_of_other_packages_by_entry_point(tmp_path, monkeypatch):
-    package = tmp_path / "other_engine-1.0.dist-info"
-    package.mkdir()
-    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: other-engine\nVersion: 1.0\n")
-    (package / "entry_points.txt").write_text(f"[stiction.engines]\nother = {__name__}:Toy\n"
-                                              f"pymunk = {__name__}:NoEngine\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    assert engine_names() == ["reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco", "drake", "dart", "other"]
-    assert load_engine("other").name == "toy"

@@ -190,10 +190,3 @@ def test_runs_by_name():
         ReferenceEngine().simulate(scene, t_end=0.3, method="textbook", solver="enumeration")
     with pytest.raises(ValueError, match="textbook"):
         ReferenceEngine().simulate(scene, t_end=0.3, method="textbook", rtol=1e-6)
-
-
-def test_runs_what_has_no_guide():
-    scene = load_scene("pendulum", {"stabilization": NONE})
-    runs = [ReferenceEngine().simulate(scene, t_end=0.2, dt=0.01, method=method) for method in ("textbook", "paper")]
-    for column in runs[0].columns:
-        close(runs[0][column], runs[1][column], 1e-9, max(1.0, np.max(np.abs(runs[1][column]))))

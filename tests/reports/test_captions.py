@@ -1,6 +1,4 @@
-"""Every number in a caption is recomputed from a written report, by code that shares nothing with the studies."""
-
-from __future__ import annotations
+"""Numbers in captions are recomputed from a written report, by code that shares nothing with the studies."""
 
 import re
 import tomllib
@@ -14,14 +12,10 @@ import pandas as pd
 import pytest
 from report_material import CASE, record, unsaved_figures
 
-from stiction.comparisons.presentation.charts import Chart
 from stiction.comparisons.variants import Variant
 from stiction.reports import report_of, write_report
-from stiction.reports.page_one import numbers
 from stiction.reports.report import Report
 
-DEFINED = ("nearest to 1 ms", "at t = 0", "1/s", "F0 with", "amplitude F0")
-"""Digits that are no results: the step of the comparison, the start, a unit, the name of the load."""
 PAPER = {f"slider-bar-case-{case}-{subject}": 5 + 3 * (case - 1) + place for case in (1, 2, 3)
          for place, subject in enumerate(("velocity-acceleration", "corner-forces", "driving-moment"))} | {"drift": 14}
 """The paper's Figs. 5 to 14, by what they show."""
@@ -29,18 +23,16 @@ PAPER = {f"slider-bar-case-{case}-{subject}": 5 + 3 * (case - 1) + place for cas
 
 @dataclass(frozen=True)
 class Data:
-    """What a reader of the folder has: tables, scenes, and the figures as they are drawn."""
+    """What a reader of the folder has: tables and scenes."""
 
-    folder: Path
     tables: dict[str, pd.DataFrame]
     scenes: dict[str, dict]
-    charts: dict[str, Chart]
 
 
-def data_of(folder: Path, report: Report) -> Data:
+def data_of(folder: Path) -> Data:
     scenes = {path.stem: tomllib.loads(path.read_text()) for path in (folder / "reproduce" / "scenes").glob("*.toml")}
     tables = {path.stem: pd.read_csv(path) for path in (folder / "data").glob("*.csv")}
-    return Data(folder, tables, scenes, {each.name: each for each in report.figures if isinstance(each, Chart)})
+    return Data(tables, scenes)
 
 
 def scene_of(name: str, data: Data) -> str:
@@ -66,11 +58,6 @@ def parameters(name: str, data: Data) -> list[float]:
     return [float(f"{value:g}") for value in row.dropna()]
 
 
-def section(name: str, data: Data) -> list[float]:
-    [found] = {number for text in data.tables["claims"]["source"] for number in re.findall(r"Sect\. (\d)", text)}
-    return [float(found)]
-
-
 def stable_step(name: str, data: Data) -> list[float]:
     """ms; where the classical Runge-Kutta method's |1 + z + z^2/2 + z^3/6 + z^4/24| = 1 on the negative axis.
 
@@ -82,60 +69,10 @@ def stable_step(name: str, data: Data) -> list[float]:
     return [1e3 * limits[np.isreal(limits)].real.min() / fastest]
 
 
-def rounding(name: str, data: Data) -> list[float]:
-    """The height of the dotted lines."""
-    dotted = [one for panel in data.charts[name].panels for one in panel.series if one.look == "limit"]
-    [height] = {float(height) for one in dotted for height in one.y}
-    return [height]
-
-
-def stored_runs(data: Data) -> pd.DataFrame:
-    runs = data.tables["runs"]
-    return runs[(runs["scene"] == CASE) & runs["trajectory"].notna()].set_index("variant")
-
-
-def parts_of_differences(name: str, data: Data) -> list[float]:
-    """In how many equal parts of the time the drawn points are the largest differences of the stored samples."""
-    endings = (".x", ".y") if name.endswith("position") else (".effort",)
-    runs = stored_runs(data)
-    truth = pd.read_parquet(data.folder / "data" / "truths" / f"{CASE}.parquet").drop_duplicates("t", keep=False)
-    for one in (one for panel in data.charts[name].panels for one in panel.series if one.look in runs.index):
-        run = pd.read_parquet(data.folder / runs.loc[one.look, "trajectory"]).drop_duplicates("t", keep=False)
-        both = pd.merge_asof(run, truth, on="t", tolerance=1e-9, direction="nearest", suffixes=("", " true"))
-        both = both.dropna(subset="tier")
-        sizes = np.max([(both[column] - both[f"{column} true"]).abs() for column in run
-                        if column.endswith(endings) and f"{column} true" in both], axis=0)
-        if np.isfinite(sizes).all() and len(one.x) > 10:
-            return [_parts(both["t"].to_numpy(), sizes, one, float(truth["t"].iloc[-1]))]
-    raise AssertionError(f"{name}: no curve to recompute")
-
-
-def parts_of_drift(name: str, data: Data) -> list[float]:
-    runs = stored_runs(data)
-    one = next(one for one in data.charts[name].panels[0].series if one.look in runs.index)
-    run = pd.read_parquet(data.folder / runs.loc[one.look, "trajectory"]).drop_duplicates("t", keep=False)
-    return [_parts(run["t"].to_numpy(), run["drift.position"].to_numpy(), one, float(run["t"].iloc[-1]))]
-
-
-def _parts(t: np.ndarray, sizes: np.ndarray, drawn, end: float) -> float:
-    """The number of parts with about as many points, each the largest of its part but for those at an event."""
-    shown = pd.Series(drawn.y, np.round(drawn.x, 6))
-    agreement = {}
-    for parts in range(40, 161):
-        part = np.minimum((t / end * parts).astype(int), parts - 1)
-        largest = pd.Series(sizes).groupby(part).idxmax()
-        largest = largest[sizes[largest] > 0]
-        there = shown.reindex(np.round(t[largest], 6)).to_numpy()
-        agreement[parts] = np.isclose(there, sizes[largest], rtol=1e-6).sum() / max(len(largest), len(shown))
-    return float(max(agreement, key=agreement.get))
-
-
 Rule = Callable[[str, Data], list[float]]
 RULES: dict[str, Rule] = {
     r"\b[Cc]ase (\d)": case, r"the paper's Fig\. (\d+)": paper_figure, r"\bin (24) s|within (24) s": seconds,
-    r"In SI units: (.*)\.$": parameters, r"Sect\. (\d)": section, r"step of ([\d.]+) ms beyond": stable_step,
-    r"Dotted: (\S+), below": rounding, r"in each of (\d+) parts": parts_of_differences,
-    r"in each of (\d+) pieces": parts_of_drift}
+    r"In SI units: (.*)\.$": parameters, r"step of ([\d.]+) ms beyond": stable_step}
 
 
 def captions(report: Report) -> Iterator[tuple[str, str]]:
@@ -143,7 +80,7 @@ def captions(report: Report) -> Iterator[tuple[str, str]]:
 
 
 def checked(report: Report, data: Data) -> Iterator[tuple[str, Rule, float, float]]:
-    """Every number of every caption: where it stands, its rule, what it says and what the data say."""
+    """Numbers that captions have of a scene: where they stand, its rule, what it says and what the data say."""
     for name, caption in captions(report):
         for pattern, rule in RULES.items():
             for found in re.finditer(pattern, caption):
@@ -168,32 +105,22 @@ def data(report, tmp_path_factory) -> Data:
     folder = tmp_path_factory.mktemp("captions") / "run"
     with unsaved_figures():
         write_report(report, folder)
-    return data_of(folder, report)
+    return data_of(folder)
 
 
-def test_every_number_of_a_caption_is_that_of_the_data(report, data):
+def test_numbers_of_captions_are_those_of_the_data(report, data):
     found = list(checked(report, data))
     assert [each for each in found if each[2] != pytest.approx(each[3], rel=6e-3)] == []
-    assert {rule for _, rule, _, _ in found} == set(RULES.values()) and len(found) + len(numbers(report)) >= 60
+    assert {rule for _, rule, _, _ in found} == set(RULES.values()) and len(found) > 20
 
 
-def test_no_caption_has_another_number(report):
-    for _, caption in captions(report):
-        for pattern in RULES:
-            caption = re.sub(pattern, "", caption)
-        for text in DEFINED:
-            caption = caption.replace(text, "")
-        assert not re.search(r"\d", caption), caption
-
-
-@pytest.mark.parametrize("rule", [case, seconds, parameters, section, stable_step])
+@pytest.mark.parametrize("rule", [case, seconds, parameters, stable_step])
 def test_data_that_say_something_else_are_noticed(rule, report, data):
     changed = deepcopy(data)
     for scene in changed.scenes.values():
         scene["title"] = re.sub(r"\d$", "7", scene["title"])
         scene["t_end"] = 25
         scene.get("stabilization", {})["alpha"] = 100
-    changed.tables["claims"]["source"] = "Sect. 7"
     numeric = changed.tables["parameters"].select_dtypes("number")
     changed.tables["parameters"][numeric.columns] = 1.1 * numeric + 1
     said = [(one, true) for _, of, one, true in checked(report, changed) if of is rule]

@@ -1,12 +1,9 @@
 """A report comes out whole whatever happened to the engines, says what was lost and why, and loses nothing itself."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace
 from importlib.metadata import version
-from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
@@ -21,12 +18,10 @@ from stiction.comparisons.environment import source_digest
 from stiction.comparisons.methods import stored_keys
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.paper_figures import stick_phases
-from stiction.comparisons.truth import HIGH_PRECISION, PROVEN
 from stiction.comparisons.variants import Record
 from stiction.engines.isolation import Outcome
 from stiction.reports import REPORT, FolderRefused, check_folder, report_of, write_report
 from stiction.reports.markdown.failures import failed_runs, grouped
-from stiction.reports.markdown.tables import markdown
 from stiction.reports.run_folder.data import data_tables, storable, trajectory_files
 from stiction.reports.run_folder.overwriting import run_folder
 from stiction.reports.run_folder.reproduce import command
@@ -64,26 +59,6 @@ def test_report_comes_out_without_engines(kept, validation, lost_records, truths
         text = write_report(report_of(chosen), tmp_path / "run").read_text()
     assert ("## What failed?" in text) == (kept == "only failures") and not re.search(r"\bnan\b", text)
     assert (tmp_path / "run" / "data" / "events.parquet").is_file()
-
-
-def test_same_data_same_bytes(validation, report_folder, tmp_path):
-    """But for the figures, of which `test_charts` has the same test."""
-    with unsaved_figures():
-        again = write_report(report_of(validation), tmp_path / "again").parent
-    for path in (path for path in report_folder.rglob("*") if path.suffix in (".csv", ".md")):
-        one, other = path.read_bytes(), (again / path.relative_to(report_folder)).read_bytes()
-        if path.suffix == ".md":
-            one, other = (re.sub(rb"(- date: |Run of ).*", b"", text) for text in (one, other))
-        assert one == other, path.name
-
-
-def test_figures_can_be_printed(report_folder):
-    names = {path.stem for path in (report_folder / "figures").glob("*.svg")}
-    assert {"fig07-slider-bar-case-1-driving-moment", "mechanism-slider-bar-case-1", "threshold"} <= names
-    for path in (report_folder / "figures").glob("*.svg"):
-        root = ElementTree.fromstring(path.read_text())
-        assert float(root.get("width").removesuffix("pt")) == pytest.approx(174 / 25.4 * 72, abs=0.01)
-        assert len(set(re.findall("#[0-9a-f]{6}", path.read_text()))) > 2  # colours
 
 
 def test_jumps_are_vertical_and_stick_is_shaded(validation, truths):
@@ -202,16 +177,3 @@ def test_what_breaks_off_leaves_no_folder_and_keeps_the_previous(tmp_path, monke
         raise KeyboardInterrupt
     assert (target / "provenance.json").read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
-def test_tables_without_rows_are_said_to_be_so():
-    assert markdown(pd.DataFrame({"a": []})) == "(no rows)"
-
-
-def test_truths_are_listed_the_best_tier_first():
-    table = pd.DataFrame({"truth": ["a", "b", "b"], "truth tier": [HIGH_PRECISION, PROVEN, PROVEN], "position uncertainty [m]": [1e-12, 2e-14, 3e-14],
-                          "event time uncertainty [s]": [np.nan, 1e-15, np.nan]})
-    [text] = stiction.reports.markdown.validation_report._truths(table)
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
-    assert rows[0] == ["truth", "tier", "position [m]", "events [s]"]
-    assert rows[2:] == [["b", PROVEN, "± 3.0e-14", "± 1.0e-15"], ["a", HIGH_PRECISION, "± 1.0e-12", "–"]]

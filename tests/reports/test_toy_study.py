@@ -1,7 +1,5 @@
 """A new question is one new file: it appears in the commands, the main job, the report, the paper and the page without another line."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace

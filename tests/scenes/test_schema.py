@@ -14,7 +14,6 @@ from stiction.scenes.model import Scene
 from stiction.scenes.schema import SCHEMA_FILE, scene_schema
 
 MODELS = [Scene, *(model for table in (*ELEMENTS.values(), LAWS, STABILIZATIONS) for model in table.values())]
-CASE = tomllib.loads(scene_text("slider-bar-case-1"))
 
 
 @pytest.fixture(scope="module")
@@ -106,13 +105,3 @@ class TestCommands:
     def test_bad_input(self, arguments, told, folder):
         ended = CliRunner().invoke(app, arguments)
         assert ended.exit_code == 2 and told in ended.output and not list(folder.iterdir())
-
-    def test_schema_on_standard_output_and_in_a_file(self, folder):
-        shown = CliRunner().invoke(app, ["schema"])
-        assert CliRunner().invoke(app, ["schema", "--out", "s.json"]).exit_code == 0
-        assert json.loads(shown.stdout) == json.loads((folder / "s.json").read_text()) == scene_schema()
-
-    def test_shells_complete_names_of_scenes(self):
-        ended = CliRunner().invoke(app, [], env={"_STICTION_COMPLETE": "complete_bash", "COMP_WORDS": "stiction run slider-cr", "COMP_CWORD": "2"},
-                                   prog_name="stiction")
-        assert ended.output.split() == ["slider-crank"]

@@ -1,11 +1,15 @@
-// Reads what Columns of stiction.scenes.pictures.web wrote.
+// Reads what stiction.scenes.pictures.web wrote.
 "use strict";
+
+// The bytes that were compressed, as the body of a response.
+function inflate(text) {
+  const packed = Uint8Array.from(atob(text), sign => sign.charCodeAt(0));
+  return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip")));
+}
 
 // The columns of {columns: [[bits, rows, smallest value, step, order of the differences], ..], data}, each as a Float64Array; NaN is missing.
 async function unpack({columns, data}) {
-  const packed = Uint8Array.from(atob(data), sign => sign.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const bytes = new Uint8Array(await inflate(data).arrayBuffer());
   let from = 0;
   return columns.map(([bits, rows, low, step, order]) => {
     const whole = new (bits === 16 ? Uint16Array : Uint32Array)(rows);

@@ -25,7 +25,7 @@ from stiction.comparisons.campaigns import executors
 from stiction.comparisons.campaigns.checkpoint import KeptRefused, kept_file, kept_runs
 from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.depth import Depth
-from stiction.engines import EngineFailure, Task, isolate
+from stiction.engines import EngineFailure, Task
 from stiction.reports import write_report
 from stiction.scenes import load_scene, vary
 
@@ -50,19 +50,6 @@ def test_settled_outcomes_are_taken_over_and_others_run_again(tmp_path):
     assert [o.status for o in first] == [o.status for o in second] == ["ok", "failed", "crashed"]
     assert second[:2] == first[:2]
     assert sorted(told) == ["crash", "fail", "note"]
-
-
-def test_what_is_made_elsewhere_is_kept_too(tmp_path):
-    asked = []
-
-    def elsewhere(tasks, **options):
-        asked.extend(tasks)
-        return isolate(tasks, **options)
-
-    tasks = [Task("note", note, (str(tmp_path / "calls"),)), CRASH]
-    (first, _), (second, taken_over) = (run(tmp_path / "out", tasks, made_by=elsewhere) for _ in range(2))
-    assert [outcome.status for outcome in first] == [outcome.status for outcome in second] == ["ok", "crashed"]
-    assert taken_over == 1 and len(asked) == 3 and (tmp_path / "calls").read_text() == "x"
 
 
 def test_nothing_stale_is_taken_over(tmp_path, monkeypatch):
@@ -247,51 +234,3 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible,
     assert set(pd.read_csv("report/data/runs.csv")["status"]) == {"ok"} and kept_file(Path("report")).exists()
     assert "runs taken over" in Path("report/report.md").read_text()
     assert "It was interrupted" not in Path("report/report.md").read_text()
-
-
-CUT = """
-import sys, time
-sys.path[:0] = {path!r}
-if __name__ == "__main__":
-    from dataclasses import replace
-    from conftest import shorten_validation
-    from pytest import MonkeyPatch
-    from stiction.cli import app, exit_codes
-    from stiction.comparisons.campaigns.participants import variants
-    from stiction.comparisons.depth import Depth
-    from stiction.comparisons.campaigns import executors
-
-    whole = executors.isolate
-
-    def isolate(tasks, *, on_result, **options):
-        def stopped(outcome):
-            on_result(outcome)
-            print("a run is done", flush=True)
-            while True:
-                time.sleep(0.1)
-        return whole(tasks, on_result=stopped, **options)
-
-    patch = MonkeyPatch()
-    shorten_validation(patch, tuple(replace(variant, ladder=variant.ladder[:1])
-                                    for variant in variants([], Depth.QUICK) if variant.label == "reference"))
-    patch.setattr(executors, "isolate", isolate)
-    patch.setattr(exit_codes, "SAME_SIGNAL_S", 600.0)
-    app.main()
-"""
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-def test_a_time_limit_on_the_whole_group_leaves_a_report(tmp_path, compiled):
-    """As GNU timeout ends a command: SIGTERM, and once more, with all that it has started."""
-    (tmp_path / "cut.py").write_text(CUT.format(path=sys.path))
-    command = subprocess.Popen([sys.executable, "cut.py", "validate", "--quick", "--engines", "reference", "--out",
-                                "report"], cwd=tmp_path, text=True,
-                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
-    assert any(line == "a run is done\n" for line in command.stdout)
-    os.killpg(command.pid, signal.SIGTERM)
-    assert any("the report of what is done follows" in line for line in command.stdout)
-    os.killpg(command.pid, signal.SIGTERM)
-    printed, _ = command.stdout.read(), command.wait(timeout=600)
-    assert command.returncode == TERMINATED, printed
-    assert "ended by SIGTERM: the report has what was done until then" in printed
-    assert "It was interrupted" in (tmp_path / "report" / "report.md").read_text()

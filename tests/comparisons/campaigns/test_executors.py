@@ -1,7 +1,5 @@
 """Runs on a cluster: what is made there is what is made here, and a worker that dies loses nothing."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

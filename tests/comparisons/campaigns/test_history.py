@@ -1,7 +1,5 @@
 """The history holds every finished run once and whole, whenever the night that writes it is killed."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal
@@ -217,20 +215,6 @@ def kill_at_random_moments(folder: Path, kills: int, seed: int) -> list[str]:
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
 def test_killed_twice(tmp_path):
     kill_at_random_moments(tmp_path, kills=2, seed=1)
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("compiled")
-@pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
-@pytest.mark.parametrize("seed", [2, 3])
-def test_killed_again_and_again(tmp_path, seed):
-    command = kill_at_random_moments(tmp_path, kills=12, seed=seed)
-    uninterrupted = subprocess.run([*command[:-1], "again"], cwd=tmp_path, capture_output=True, text=True, timeout=600,
-                                   env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"})
-    assert uninterrupted.returncode == NOT_COMPARED, uninterrupted.stderr
-    both = contents(tmp_path / "out").merge(contents(tmp_path / "again"), on=["key", "metric"], how="outer",
-                                            suffixes=("", " again"))
-    assert (both["value"] == both["value again"]).all()
 
 
 def test_two_nights_at_once_are_refused(tmp_path):

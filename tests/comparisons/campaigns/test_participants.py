@@ -8,17 +8,15 @@ from typer.testing import CliRunner
 from stiction import comparisons
 from stiction.cli.app import app
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
-from stiction.comparisons.campaigns.comparison import Comparison, make, prepare
+from stiction.comparisons.campaigns.comparison import prepare
 from stiction.comparisons.campaigns.participants import (cost_variants, participants, threshold_variants,
                                                          validation_campaign, variants)
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard.table import hard_variants
 from stiction.comparisons.studies.effects import effects_variants
 from stiction.comparisons.studies.work_precision import work_precision
-from stiction.comparisons.timing.rounds import Sample, visit
 from stiction.comparisons.variants import Variant
-from stiction.engines import Capabilities, Engine, Outcome, Task, engine_names, load_engine
-from stiction.engines.isolation import Job, is_simulation, simulation
+from stiction.engines import Capabilities, Engine, engine_names, load_engine
 from stiction.engines.pymunk.engine import PymunkEngine
 from stiction.scenes import load_scene
 
@@ -143,33 +141,3 @@ def test_bad_ladders(tmp_path, table, words):
 def test_engines_are_prepared_before_their_runs_have_a_time_limit(plugged, compiled):
     prepare([f"{__name__}:Compiled", "nobody_has_this:Engine", f"{__name__}:Unprepared"])
     assert Path("prepared").exists()
-
-
-def test_what_is_timed_runs_alone_and_last_in_rounds(compiled):
-    """Every run is made first, with others; then the timed ones again, one by one, in rounds forwards and backwards."""
-    calls, scene = [], load_scene("pendulum")
-    run = load_engine("reference").simulate(scene, rtol=1e-6, t_end=0.1)
-
-    def isolated(tasks, *, workers, timeout_s, on_result):
-        calls.append(([task.label for task in tasks], workers, timeout_s))
-        return [Outcome(task.label, "ok", value_of(task), cpu_s=0.0) for task in tasks]
-
-    def value_of(task):
-        if task.function is visit:
-            return Sample(0.0, 2.0, 1.0, 1e-3, 1)
-        return run if is_simulation(task) else task.label
-
-    def comparison(*tasks, rounds=0):
-        return Comparison(tasks, lambda outcomes: [outcome.value for outcome in outcomes], rounds=rounds)
-
-    def timed(label, t_end):
-        return simulation(Job(label, "reference", scene, {"rtol": 1e-6, "t_end": t_end}))
-
-    told = []
-    (one, two), rest, none = make([comparison(timed("t1", 0.1), timed("t2", 0.2), rounds=3),
-                                   comparison(Task("a", len, ("a",)), Task("b", len, ("b",))), comparison()],
-                                  workers=3, timeout_s=9.0, on_start=told.append, isolated=isolated)
-    assert (rest, none) == (["a", "b"], []) and told == [4 + 3 * 2]
-    assert calls == [(["t1", "t2", "a", "b"], 3, 9.0), (["t1", "t2"], 1, 9.0), (["t2", "t1"], 1, 9.0),
-                     (["t1", "t2"], 1, 9.0)]
-    assert one.trajectory.cost.own_s == 1.0 and one.trajectory.cost.stepping_s == 2.0 and len(one.samples) == 3

@@ -1,7 +1,5 @@
 """Every kind of number has its own rule of what is beyond noise, and each is held to it from both sides."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace
@@ -14,9 +12,9 @@ from stiction.comparisons.campaigns.baseline import (FORMAT, Baseline, BaselineE
                                                      updated, write_baseline)
 from stiction.comparisons.campaigns.measurement import (GRID, KINDS, MOTION, MOVED, ORDER, PATH, TRUTH, WAYS, Metric,
                                                         Row, disturbed)
-from stiction.comparisons.campaigns.regression import (BETTER, BOUND_HISTORY, COULD_NOT_RUN, FEWEST, FINE, HISTORY,
-                                                       IN_TURNS, NEW, NOT_JUDGED, NOTHING, REGRESSION, Finding, Times,
-                                                       compared, findings, verdict)
+from stiction.comparisons.campaigns.regression import (BETTER, COULD_NOT_RUN, FEWEST, FINE, HISTORY, IN_TURNS, NEW,
+                                                       NOT_JUDGED, NOTHING, REGRESSION, Finding, Times, compared,
+                                                       findings, verdict)
 from stiction.comparisons.campaigns.tolerances import FACTOR, FURTHER, MARGIN, with_rounding
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
@@ -361,14 +359,6 @@ def test_engines_are_judged_apart_and_a_run_without_times_is_told():
     assert {few.severity, told.severity} == {NOT_JUDGED} and "before: EngineMissing: f" in few.reason + told.reason
 
 
-@given(st.floats(0.1, 1e4), st.floats(0.5, 2.0))
-def test_the_speed_of_the_machine_is_not_in_a_time(level, factor):
-    """Only the ratio to past times counts."""
-    told = severities(RUN, times=Times([level * factor] * 3, [level] * 8))
-    at_the_bound = math.isclose(factor, BOUND_HISTORY) or math.isclose(1 / factor, BOUND_HISTORY)
-    assert bool(told) == (not 1 / BOUND_HISTORY <= factor <= BOUND_HISTORY) or at_the_bound
-
-
 def test_worst_comes_first():
     worse = changed(RUN, position_error=1e-3, position_drift=1.0, events_missed=2, rhs=200)
     kinds = [finding.kind for finding in found(worse, times=Times([30.0]))]
@@ -396,11 +386,6 @@ class TestBaselineFile:
     def test_update_refuses_to_drop_a_truth_for_that_of_another_scene_of_its_name(self):
         with pytest.raises(BaselineRefused, match="another scene of that name.*scene 1.*scene 2"):
             updated(baseline(TRUE), [replace(TRUE, identity="truth; scene 2")], "moved", ORIGIN, [TRUE.key])
-
-    def test_update_says_what_the_numbers_were_made_with(self):
-        new = updated(baseline(RUN), [replace(RUN, version="2")], "newer", ORIGIN | {"conditions": ELSEWHERE_MADE},
-                      [RUN.key]).runs[RUN.key]
-        assert (new.identity, new.version, new.conditions) == (RUN.identity, "2", ELSEWHERE_MADE)
 
     def test_update_rewrites_what_our_own_runs_gave_and_says_why(self):
         new = updated(baseline(RUN, TRUE), [changed(RUN, position_error=5e-6, rhs=90), changed(TRUE, mass_y=0.7)],

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import installed
 from random_mechanisms import extreme_scene
-from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
@@ -14,22 +14,22 @@ from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
-from stiction.comparisons.hard.checks import accepted_start, follows, friction_excess, gap, time_at_rest
+from stiction.comparisons.hard.checks import accepted_start, follows, friction_excess
 from stiction.comparisons.hard.closed_forms import rod_normal_force
 from stiction.comparisons.hard.examination import (ADAPTER, BEYOND, DECLINED, DECLINED_BY_ADAPTER, DEGRADED, FAILED,
                                                    IMPULSIVE, INEXPRESSIBLE, METHOD, NOT_INSTALLED, NOT_RUN, READER,
                                                    RIGHT, UNREAD, WRONG, Examination, _beyond, examine, judge)
 from stiction.comparisons.hard.other_units import Units, scaled
-from stiction.comparisons.hard.table import REFERENCE, hard_variants
+from stiction.comparisons.hard.table import REFERENCE
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.hard_cases import HOSTILE, present
 from stiction.comparisons.variants import Variant
-from stiction.engines import EngineMissing, load_engine
+from stiction.engines import load_engine
 from stiction.engines.isolation import Outcome
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import MOST_ROWS, Mechanism
-from stiction.scenes import Event, SceneError, Trajectory, catalogue, load_scene, scene_from_dict
+from stiction.scenes import SceneError, Trajectory, catalogue, load_scene, scene_from_dict
 
 EVENT_DRIVEN = REFERENCE[0]
 LONG = {"1e5 s of case 1"}
@@ -65,10 +65,6 @@ def test_every_scene_has_a_derivation_and_a_case():
     assert len(names) == len(set(names))
     quick, default, full = ({case.topic for case in hard_cases(depth)} for depth in Depth)
     assert len(full) == 13 and full - default == {"long time", "chatter"} and default - quick == {"stick threshold"}
-
-
-def test_every_motion_is_checked():
-    assert all(case.follows or case.truth or case.rests or case.checks for case in hard_cases() if case.expected == MOTION)
 
 
 def case_of(expected=MOTION, **changes):
@@ -138,10 +134,7 @@ def test_one_of_several_motions_is_told_from_none_of_them(name, word):
     ("drake", "contact", {"method": "continuous"}, WRONG), ("mujoco", "joint", {"method": "accelerations"}, WRONG), ("exudyn", "joint", {}, WRONG),
     ("reference", "joint", {"method": "paper"}, WRONG)])
 def test_what_goes_on_without_finite_forces_is_not_wrong_for_schemes_of_impulses(engine, fidelity, settings, word):
-    try:
-        load_engine(engine)
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
+    installed(engine)
     variant, gone_on = Variant("v", engine, "dt", (), fidelity, settings), Outcome("", "ok", Examination({BEYOND: np.inf}))
     assert judge(case_of(NO_MOTION, stop={"at": 1, "kind": "no solution"}), variant, gone_on).word == word
     assert judge(case_of(NO_MOTION, stop={"at": 1, "kind": "several solutions"}), variant, gone_on).word == WRONG
@@ -153,10 +146,7 @@ def test_what_goes_on_without_finite_forces_is_not_wrong_for_schemes_of_impulses
     ("zero mass", "reference", UNREAD), ("zero mass", "pymunk", UNREAD), ("contradictory drives", "exudyn", RIGHT)])
 def test_only_a_method_is_right_in_refusing(name, engine, word):
     """Not the adapter in the name of its engine, nor the reader of scenes; Exudyn's own solver finds that drives contradict."""
-    try:
-        load_engine(engine)
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
+    installed(engine)
     fidelity = "contact" if engine == "moreau" else "joint"
     variant = EVENT_DRIVEN if engine == "reference" else Variant("v", engine, "dt", (), fidelity)
     found = verdict(CASES[name], variant)
@@ -201,10 +191,6 @@ def test_a_motion_of_which_no_guide_is_known_to_stick_is_not_held_to_coulombs_la
     run = load_engine("pymunk").simulate(scene, dt=case.dt)
     assert set(_beyond(case, scene, run)) == {BEYOND}
     assert _beyond(case, scene, replace(run, columns={name: values for name, values in run.columns.items() if not name.endswith(".mode")})) == {}
-
-
-def test_without_engines_there_are_the_methods_of_the_reference():
-    assert [variant.engine for variant in hard_variants([])] == ["reference"] * len(hard_variants([]))
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -260,11 +246,6 @@ def test_a_start_moved_silently_has_a_size(moved):
     assert accepted_start(case_of(), [scene], [run])["start moved silently"] == pytest.approx(moved)
 
 
-def test_time_at_rest():
-    events = [Event(time, kind, "guide", {}, {}) for time, kind in ((1.0, "stick"), (3.0, "slip"), (4.0, "reversal"), (9.0, "stick"))]
-    assert time_at_rest(events) == 2.0
-
-
 def test_without_a_static_coefficient_a_case_that_is_not_about_it_has_mus_equal_to_mu():
     for name, same in (("case 3", True), ("mus = 10 mu", False)):
         [guide] = CASES[name].scenes(static_coefficient=False)[0].frictional_guides.values()
@@ -307,30 +288,6 @@ def test_presentation():
     for nothing in (NOT_RUN, NOT_INSTALLED):
         assert present(Results((), {}, {"hard": table.assign(verdict=nothing)})).is_empty
     assert present(Results((), {}, {})).is_empty
-
-
-def test_gap_of_what_is_not_a_number():
-    assert gap(np.array([1.0, np.nan]), np.array([1.0, 1.0])) == np.inf
-    assert gap(np.zeros(0), np.zeros(0), 1.0) == np.inf
-
-
-@pytest.mark.parametrize(("parts", "word"), [(1000, RIGHT), (100, DEGRADED), (10, WRONG)])
-def test_limits_of_a_fixed_step_are_between_good_and_bad_steps(parts, word):
-    """A method of first order over a period of x'' = -x, in so many steps; a thousandth is what `HardCase.dt` is."""
-    step, x, v, worst = 2 * np.pi / parts, 1.0, 0.0, 0.0
-    for i in range(1, parts + 1):
-        v -= step * x
-        x += step * v
-        worst = max(worst, abs(x - np.cos(i * step)))
-    assert judged(Examination({"x": worst}), parameter="dt") == word
-
-
-@pytest.mark.parametrize(("rtol", "word"), [(1e-10, RIGHT), (1e-6, DEGRADED), (1e-2, WRONG)])
-def test_limits_of_an_adaptive_method_are_between_good_and_bad_tolerances(rtol, word):
-    """Twenty periods of x'' = -x."""
-    t = np.linspace(0.0, 40 * np.pi, 2001)
-    motion = solve_ivp(lambda _, y: (y[1], -y[0]), (0.0, t[-1]), (1.0, 0.0), t_eval=t, method="DOP853", rtol=rtol, atol=rtol)
-    assert judged(Examination({"x": np.max(np.abs(motion.y[0] - np.cos(t)))}), parameter="rtol") == word
 
 
 def test_ten_thousand_bodies_are_refused():

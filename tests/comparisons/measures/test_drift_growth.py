@@ -5,7 +5,7 @@ import pytest
 
 from stiction.comparisons.campaigns.campaign import CAMPAIGNS
 from stiction.comparisons.measures.drift import decay_error
-from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth, walk_spread
+from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, vary
 
@@ -49,11 +49,6 @@ def test_what_is_inconclusive_or_rounding():
     assert growth(T, np.full_like(T, 1e-16), 8.0, rounding=1e-15).verdict == ROUNDED
     assert growth(T, np.zeros_like(T), 8.0).verdict == ROUNDED
     assert growth(np.zeros(0), np.zeros(0), 8.0).verdict == INCONCLUSIVE
-
-
-def test_a_walk_spreads_further_than_a_bound():
-    """The more octaves, the further a walk goes."""
-    assert 0 < walk_spread(3) < walk_spread(8) < walk_spread(16)
 
 
 def test_a_transient_is_not_growth():

@@ -4,16 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import second_method
 
 from stiction.comparisons.random_scenes import resting_mechanisms
 from stiction.comparisons.random_scenes.one_freedom import NoClearMotion, OneFreedom, simulate
 from stiction.comparisons.random_scenes.resting_mechanisms import (AGREES, FAMILIES, NO_BALANCE, OTHER_EVENTS,
                                                                    OTHER_MOTION, OWN_ERROR, SLIPS, STOPS, drawn, judge,
                                                                    runs)
-from stiction.scenes import Breakdown, load_scene, scene_from_dict, vary
+from stiction.scenes import Breakdown, load_scene, scene_from_dict
 
-SEED = 26
+SEED = 3
 SLIDER = {"type": "translational", "slider": "block", "length": 0.4, "width": 0.1, "mu": 0.3, "mus": 0.4}
 
 
@@ -91,44 +90,6 @@ def test_forces_are_those_of_newton_and_euler(mechanism):
     assert np.max(np.abs(left - of_pins @ np.linalg.lstsq(of_pins, left, rcond=None)[0])) < 1e-4 * np.max(np.abs(left))
 
 
-def in_motion(scene, motion):
-    """The scene and 0 where it starts in motion; else the scene from its state at a tenth of the motion, and that time.
-
-    At rest the second method tries all guides at rest, which are redundant: rounding says whether it goes on. No law
-    has time in it, so that the motion from a later state is the same.
-    """
-    m = motion.equations
-    if np.any(m.start_rate):
-        return scene, 0.0
-    begin = 0.1 * motion.rest
-    piece = next(piece for piece in motion.pieces if begin <= piece.end)
-    y = piece.y(begin)
-    q = m.onto_constraints(y[:-1])
-    states = np.stack([q, y[-1] * m.terms(q, y[-1], piece.d).N]).reshape(2, -1, 3)
-    return vary(scene, {key: value for body, place, rate in zip(scene.bodies, *states.tolist()) for key, value in {
-        f"{body}.position": place[:2], f"{body}.angle": place[2], f"{body}.velocity": rate[:2],
-        f"{body}.angular_velocity": rate[2]}.items()}), begin
-
-
-def test_motion_is_that_of_the_second_method(mechanism):
-    """Up to an instant, the rest at the latest, at which that method tries all guides at rest, which are redundant."""
-    scene, motion = mechanism
-    started, begin = in_motion(scene, motion)
-    other = second_method.simulate(started, motion.rest - begin - 1e-6)
-    until = begin + other.t[-1]
-    assert until > begin + 0.1 * motion.rest and (
-        other.breakdown is None or other.breakdown.kind == "singular" and any(
-            abs(until - event.time) < OWN_ERROR * (1 + 1 / event.rate) for event in motion.events))
-    for name in motion.equations.guides:
-        expected = [event for event in motion.events if event.joint == name and begin < event.time < until - 1e-6]
-        found = [event for event in other.events
-                 if event.joint == name and event.kind != "corner" and begin + event.time < until - 1e-6]
-        assert [event.kind for event in found] == [event.kind for event in expected]
-        for mine, its in zip(expected, found):
-            assert abs(mine.time - begin - its.time) < OWN_ERROR * (1 + 1 / mine.rate)
-    assert other.q[-1] == pytest.approx(motion.at(until - 1e-9)[0], abs=1e-8 * max(1.0, np.max(np.abs(other.v))))
-
-
 def test_reference_comes_to_rest(mechanism):
     scene, motion = mechanism
     found = [(rtol, judge(scene, motion, run, rtol)) for rtol, run in runs(scene, (1e-6, 1e-9, 1e-12))]
@@ -152,12 +113,6 @@ def test_reference_brings_a_thousand_mechanisms_to_rest(block):
         verdicts = [judge(scene, motion, run, rtol) for rtol, run in runs(scene, [10.0 ** -k for k in range(6, 13)])]
         wrong += [found for found in verdicts if found.outcome != AGREES]
     assert wrong == []
-
-
-def test_a_seed_draws_the_same_again(mechanism):
-    scene, motion = mechanism
-    again, _ = drawn(SEED, int(scene.name.split()[1]))
-    assert again == scene and len(scene.frictional_guides) >= 2 and {event.kind for event in motion.events} >= {"stick"}
 
 
 def test_each_fault_is_found(mechanism):

@@ -1,19 +1,19 @@
 """The study of settings: the front, choices that are other than the default, and the command from end to end."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import here
+from conftest import here, installed
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.depth import Depth
+from stiction.comparisons.hard import hard_cases
+from stiction.comparisons.hard.examination import DEGRADED, RIGHT, WRONG, examine, judge
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies import engine_settings
 from stiction.comparisons.studies.engine_settings import (DEFAULT, DRIFT, ERROR, ERROR_RATIO, EVERYWHERE, FACTOR,
@@ -24,7 +24,7 @@ from stiction.comparisons.studies.engine_settings import (DEFAULT, DRIFT, ERROR,
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import HIGH, LOW, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant
-from stiction.engines import EngineMissing, load_engine
+from stiction.engines import Outcome, load_engine
 from stiction.scenes import InputError, load_scene
 
 CASES = tuple(load_scene(f"slider-bar-case-{number}") for number in (1, 2, 3))
@@ -61,10 +61,6 @@ def said_of(rows):
 def test_front_of_sharp_times(error, time, expected):
     time = np.array(time)
     assert list(front(np.array([error]), time, time)) == expected
-
-
-def test_times_whose_repeats_overlap_are_indistinguishable():
-    assert list(front(np.array([[1.0, 1.0]]), np.array([1.0, 1.1]), np.array([1.2, 1.3]))) == [True, True]
 
 
 @pytest.mark.parametrize(("torque", "expected"), [([1.0, 9.0], [True, True]), ([1.0, 1.0], [False, True])])
@@ -112,25 +108,12 @@ def test_the_study_sees_a_solver_that_lets_a_drive_go(iterations, drifts):
 
 @pytest.mark.parametrize("subject", load_study().subjects, ids=lambda subject: subject.label)
 def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(subject):
-    try:
-        solver = load_engine(subject.engine)
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
+    solver = installed(subject.engine)
     default = solver.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.01, dt=5e-3,
                               fidelity=subject.fidelity, **subject.fixed).settings
     assert all(default[name] == value for name, value in subject.fixed.items())
     for name, values in subject.choices.items():
         assert name in default and default[name] not in values
-
-
-def test_every_fidelity_of_an_engine_is_studied():
-    subjects = load_study().subjects
-    for engine in {subject.engine for subject in subjects}:
-        try:
-            fidelities = load_engine(engine).capabilities.fidelities
-        except EngineMissing:
-            continue
-        assert {subject.fidelity for subject in subjects if subject.engine == engine} == set(fidelities)
 
 
 @pytest.mark.parametrize("runs", [[(1e-3, 2.0), (1e-3, 1.0), (2e-3, 0.1), FAILS], [(0.0, 2.0), (0.0, 1.0)]])
@@ -177,10 +160,6 @@ def test_a_choice_over_all_scenes_has_its_mean_time_and_its_largest_error():
     assert list(against_defaults(at_rest)[ERROR_RATIO]) == [1.0, np.inf, 1.0]
 
 
-def test_there_is_no_figure_without_a_default_that_succeeded():
-    assert said_of(joined(*(table(FAILS, (1e-3, 2.0), scene=name) for name in "st"))).figures == ()
-
-
 def short_study(**others):
     """The study with one step and one setting of each method."""
     whole = load_study()
@@ -196,10 +175,6 @@ def studied():
         patch.setattr(engine_settings, "load_study", lambda: study)
         with here():
             yield plan(Scope(CASES, Depth.FULL, ("pymunk",), repeats=1)).make().tables["settings"]
-
-
-def test_scenes_of_the_study_are_there():
-    assert all(load_scene(name).t_end >= seconds > 0 for name, seconds in load_study().scenes.items())
 
 
 def test_study_has_every_choice_on_every_scene_and_the_rows_of_a_method_together(studied):
@@ -278,3 +253,24 @@ def test_command(tmp_path, in_this_process, monkeypatch):
     assert picture.read_bytes().startswith(b"\x89PNG") and "The defaults are on the front" in ended.output
     ended = CliRunner().invoke(app, [*command, "reference"])
     assert ended.exit_code == BAD_INPUT and "which the study has settings of" in ended.output
+
+
+MILLISECONDS, UNSTABLE = "load above static friction for 2 ms", "Baumgarte unstable for the step"
+BELOW, WIDE = "static friction below kinetic", "slider wider than long by 1/mus"
+
+
+@pytest.mark.parametrize(("engine", "setting", "value", "name", "default", "overturned"), [
+    ("mujoco", "impedance", 0.8, UNSTABLE, DEGRADED, RIGHT),
+    pytest.param("mujoco", "impedance", 0.8, BELOW, DEGRADED, WRONG, marks=pytest.mark.long),
+    pytest.param("drake", "near_rigid", 1.0, MILLISECONDS, WRONG, DEGRADED, marks=pytest.mark.long),
+    pytest.param("drake", "near_rigid", 1.0, WIDE, DEGRADED, WRONG, marks=pytest.mark.long),
+    pytest.param("drake", "dissipation", 100.0, BELOW, DEGRADED, WRONG, marks=pytest.mark.long)])
+def test_a_setting_overturns_the_verdict_of_the_default(engine, setting, value, name, default, overturned):
+    pytest.importorskip({"drake": "pydrake"}.get(engine, engine))
+    assert load_engine(engine).default_settings("contact")[setting] != value
+    case = next(case for case in hard_cases() if case.name == name)
+    for settings, word in (({}, default), ({setting: value}, overturned)):
+        variant = Variant("tried", engine, "dt", (case.dt,), "contact", settings)
+        assert judge(case, variant, Outcome("tried", "ok", examine(name, variant))).word == word
+    subjects = {(subject.engine, subject.fidelity): subject for subject in load_study().subjects}
+    assert value in subjects[engine, "contact"].choices[setting]

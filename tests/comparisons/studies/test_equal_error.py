@@ -8,15 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.studies import cost as cost_study
-from stiction.comparisons.studies.equal_error import (ADAPTER, FAILED, FALLS, INTEGRATION, MODEL, QUANTITIES, SCENES,
-                                                      SMALLEST, TRUTH, UNKNOWN, equal_error, limit_of, order_of,
-                                                      rounds_to, time_to)
+from stiction.comparisons.studies.equal_error import (ADAPTER, FAILED, FALLS, INTEGRATION, MODEL, QUANTITIES, SMALLEST,
+                                                      TRUTH, UNKNOWN, equal_error, limit_of, order_of, rounds_to,
+                                                      time_to)
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.timing.intervals import ratio_interval
-from stiction.comparisons.truth import NO_TRUTH
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.scenes import load_scene
 
@@ -160,15 +158,6 @@ def test_the_table_goes_down_to_the_first_error_that_is_not_reached():
     assert found["deep"]["order [-]"].iloc[0] == pytest.approx(2.0)
 
 
-def test_scenes_keep_their_own_times_and_have_one_limit():
-    tables = pd.concat([of_cases(MOREAU, engine="e"), of_cases({scene: [1e-1, 1e-3, 1e-5] for scene in MOREAU}, variant="wide", engine="wide")])
-    found = equal_error(tables, samples(tables, 6 * [1.0, 2.0, 4.0]))
-    found = found[found["variant"] == "a"]
-    assert list(found["scene"].unique()) == list(MOREAU) and set(found["because"]) == {INTEGRATION}
-    ends = found.groupby("scene")[SMALLEST].first()
-    assert dict(ends) == {scene: min(error) for scene, error in MOREAU.items()}
-
-
 def test_on_runs(in_this_process, monkeypatch):
     """The reference reaches a tighter error in more time; what it costs is what the series's own runs cost."""
     scene = load_scene("pendulum")
@@ -180,11 +169,6 @@ def test_on_runs(in_this_process, monkeypatch):
     assert set(rows["scene"]) == {"pendulum"} and set(rows["because"]) == {INTEGRATION}
     assert rows.groupby("variant")[SMALLEST].first()["reference"] < 1e-6
     assert (rows[OWN_CPU].dropna() > 0).all() and set(times["round"]) == {1} and len(found.timed) == len(found.tables["cost"]) == 6
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_every_scene_has_an_independent_truth(name):
-    assert ground_truth(load_scene(name), 0.5).tier not in (OWN_RUN, NO_TRUTH)
 
 
 def test_ladders_without_any_error_are_an_empty_table():

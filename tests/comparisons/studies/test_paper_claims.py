@@ -202,12 +202,3 @@ def test_a_choice_without_a_steady_state_is_reported_by_case(monkeypatch):
     found = sensitivity(CASES, {})
     assert found.reason == "case 2: no steady state of up to 8 periods" and not any("case 2" in name for name in found.numbers)
     assert found.numbers["stick time per period, case 1 [s]"] == pytest.approx(0.5323, abs=5e-5)
-
-
-def test_a_motion_found_to_take_two_periods_has_the_numbers_of_one():
-    """Case 3 from x = 1 m comes near to itself after two periods first; nothing but where the slider is differs."""
-    one, two = (steady_stretch(scene) for scene in (CASES[3], vary(CASES[3], {"bodies.slider.position.0": 1.0, "bodies.bar.position.0": "1 + L/2"})))
-    assert (two.end - two.start) == pytest.approx(2 * (one.end - one.start))
-    assert two.maximum("guide.F1") == pytest.approx(one.maximum("guide.F1"), rel=1e-9)
-    assert two.maximum("motor.effort") == pytest.approx(one.maximum("motor.effort"), rel=1e-9)
-    assert two.stick_time_per_period == one.stick_time_per_period == 0

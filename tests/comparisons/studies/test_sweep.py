@@ -1,6 +1,7 @@
 """A sweep is the same whoever computes it and however often it is interrupted; what fails is a row."""
 
 import json
+import shutil
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
@@ -40,8 +41,8 @@ def row_of(specification, part, index):
     return task.function(*task.args)
 
 
-GRID = specification("F0=1:6:9", "motor.rate=pi/8,pi/4,3*pi/8,pi/2,3*pi/4", measures=("stick-fraction", "threshold"))
-RATES = [np.pi / 8, np.pi / 4, 3 * np.pi / 8, np.pi / 2, 3 * np.pi / 4]
+GRID = specification("F0=1:6:6", "motor.rate=pi/8,pi/4,pi/2", measures=("stick-fraction", "threshold"))
+RATES = [np.pi / 8, np.pi / 4, np.pi / 2]
 
 
 class Here:
@@ -80,7 +81,7 @@ def test_same_bytes_for_any_number_of_workers(here, tmp_path):
 
 def test_rows_are_the_grid_in_order(here):
     result, _ = here
-    expected = [(F0, rate) for F0 in np.linspace(1, 6, 9) for rate in RATES]
+    expected = [(F0, rate) for F0 in np.linspace(1, 6, 6) for rate in RATES]
     assert list(zip(result.map["F0"], result.map["motor.rate"])) == expected
     assert list(result.threshold["motor.rate"]) == RATES
 
@@ -95,12 +96,6 @@ def test_threshold_separates_the_map(here):
         assert (column.loc[column["F0"] >= row["F0 without stick [N]"], "stick-fraction [-]"] == 0).all()
         assert (column.loc[column["F0"] <= row["F0 with stick [N]"], "stick-fraction [-]"].iloc[-1]) > 0
         assert row["F0 with stick [N]"] < row["threshold [N]"] < row["F0 without stick [N]"]
-
-
-def test_threshold_of_case_1_in_the_steady_state(tmp_path):
-    """4.2119563 N in the limit of long times, whatever the end of the map's runs; the bracket is what is left."""
-    found = swept_here(tmp_path, "F0=4:4.4:2", measures=["threshold"], settle=1.0, t_end=8.0).threshold
-    assert found["F0 with stick [N]"][0] <= 4.2119563 <= found["F0 without stick [N]"][0]
 
 
 def test_goes_on_after_an_interruption(here, tmp_path):
@@ -120,7 +115,7 @@ def test_goes_on_after_an_interruption(here, tmp_path):
 
 
 def test_computes_what_was_lost_or_cut_off(here, tmp_path):
-    sweep(GRID, folder := tmp_path / "grid", made_by=Here())
+    folder = shutil.copytree(here[1], tmp_path / "grid")
     (folder / "map.parquet").unlink()
     repaired = Here()
     sweep(GRID, folder, made_by=repaired)
@@ -135,25 +130,19 @@ def test_a_point_that_hangs_or_crashes_costs_only_itself(tmp_path):
     def treacherous(tasks, **options):
         return isolate([replace(task, function=treacherous_row) for task in tasks], **options)
 
-    swept = specification("F0=1:6:6", timeout_s=20.0)
+    swept = specification("F0=1:6:6", timeout_s=10.0)
     found = sweep(swept, tmp_path / "a", made_by=treacherous).map
     alone = sweep(swept, tmp_path / "b", made_by=Here()).map
     lost = found["F0"].isin([HANGING, CRASHING])
     assert found["F0"].tolist() == [1, 2, 3, 4, 5, 6] and found.loc[lost, "status"].tolist() == ["timed out", "crashed"]
     hung, crashed = found.loc[lost, "reason"]
-    assert hung == "no result within 20 s" and crashed.startswith("SIGABRT")
+    assert hung == "no result within 10 s" and crashed.startswith("SIGABRT")
     assert found.loc[lost, "stick-fraction [-]"].isna().all()
     pd.testing.assert_frame_equal(found[~lost], alone[~lost])
 
 
-def test_any_engine_can_be_swept(tmp_path):
-    swept = specification("F0=2,3,4", measures=["stick-fraction"], settle=8.0, t_end=96.0, timeout_s=20.0,
-                          engine="swept_tasks:Treacherous", dt=0.01)
-    assert sweep(swept, tmp_path / "s", workers=1).map["status"].tolist() == ["ok", "timed out", "crashed"]
-
-
 def test_another_sweep_in_the_folder_is_refused(here, tmp_path):
-    other = specification("F0=1:6:9", "motor.rate=pi/8,pi/4,3*pi/8,pi/2,pi", measures=("stick-fraction", "threshold"))
+    other = specification("F0=1:6:6", "motor.rate=pi/8,pi/4,pi", measures=("stick-fraction", "threshold"))
     with pytest.raises(SweepRefused, match=r"differs in axes\.motor\.rate"):
         sweep(other, here[1], made_by=Here())
     (tmp_path / "letter.txt").write_text("mine")
@@ -311,17 +300,6 @@ def test_a_slider_that_goes_away_has_no_steady_state(shaken, tmp_path):
     with rc():
         drawings = list(sweep_drawings(result))
     assert all("points without a number: 2 no steady state, white" in drawing.caption for drawing in drawings)
-
-
-def test_one_axis_is_a_curve_with_gaps(shaken, tmp_path):
-    result = swept_here(tmp_path, "shake=1:9:5", measures=["peak-speed"], scene=shaken, settle=4.0, t_end=30.0)
-    with rc():
-        [drawing] = sweep_drawings(result)
-    [ax] = drawing.figure.axes
-    x, y = ax.lines[0].get_data()
-    labels = drawing.name, ax.get_xlabel(), ax.get_ylabel()
-    assert labels == ("curve-peak-speed", "shake", "peak-speed [m/s]") and "3 no steady state" in drawing.caption
-    assert x.tolist() == [1, 3, 5, 7, 9] and np.isnan(y).tolist() == [False, False, True, True, True]
 
 
 def invoke(*arguments, exit_code=FINE):

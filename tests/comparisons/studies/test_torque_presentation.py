@@ -38,12 +38,10 @@ def results(unread=(), bounds=BOUNDS):
 
 def test_the_answer_counts_all_jumps_and_the_worst_bound():
     said = present(made := results(unread={("pymunk, contact", CASES[0], 0), ("pymunk, contact", CASES[2], 1)}))
-    assert said.answer.text == ("The reference reads 9/9 jumps within 1e-12 N m, the paper's scheme within 0.00022. "
-                                "Engines read 9/9 with joints, 7/9 with contacts.")
+    assert all(part in said.answer.text for part in ("9/9", "1e-12 N m", "0.00022", "7/9 with contacts"))
     assert len(said.answer.text) <= ANSWER_LENGTH and not wrong_numbers(said, made)
-    assert "The true jumps measure 0.064 to 2.5 N m." in sentences(said)
-    assert "off by at most 0.015 to 0.02 N m with joints, 1.2 N m with contacts." in sentences(said)
-    assert "Jumps that were not read: pymunk with contact (2 of 9)." in sentences(said)
+    for part in ("0.064 to 2.5 N m", "0.015 to 0.02 N m with joints, 1.2 N m with contacts", "pymunk with contact (2 of 9)"):
+        assert part in sentences(said)
 
 
 def test_a_bound_is_rounded_up():
@@ -54,7 +52,7 @@ def test_losing_a_jump_does_not_improve_a_method():
     """The jump that is read worst is lost: the bound is then the whole jump."""
     kept, lost = results(), results(unread={("pymunk", CASES[1], 2)})
     assert cells(present(kept))["pymunk"] == "9/9, 0.02" and cells(present(lost))["pymunk"] == "8/9, 2.5"
-    assert "Engines read 8/9 to 9/9 with joints" in present(lost).answer.text and not wrong_numbers(present(lost), lost)
+    assert "8/9 to 9/9" in present(lost).answer.text and not wrong_numbers(present(lost), lost)
 
 
 def test_tables_say_it_by_case_and_by_run():

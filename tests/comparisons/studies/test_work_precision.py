@@ -1,9 +1,5 @@
 """Orders and extrapolation, on series whose answer is known."""
 
-from __future__ import annotations
-
-from types import SimpleNamespace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,10 +12,8 @@ from stiction.comparisons.depth import Depth
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies import cost
 from stiction.comparisons.studies.equal_error import SMALLEST, equal_error
-from stiction.comparisons.studies.work_precision import HIGH, LOW, SAFETY, TIMING, richardson, work_precision
-from stiction.comparisons.timing import benchmark
+from stiction.comparisons.studies.work_precision import HIGH, LOW, SAFETY, richardson, work_precision
 from stiction.comparisons.timing.reduced_integrator import integrate, parameters
-from stiction.comparisons.timing.rounds import MOST
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import OWN_CPU, Variant, fastest_period, scaled, time_factor
 from stiction.scenes import load_scene, scene_from_dict
@@ -166,43 +160,3 @@ def test_the_fastest_period_is_that_of_loads_drives_or_springs():
 def test_a_light_body_on_a_spring_does_not_make_the_run_endless():
     scene = load_scene("hard/light-slider")
     assert fastest_period(scene) < 1e-3 and scene.t_end / (time_factor(scene) * 1e-2) <= 2.5 * 20_000  # 1-2-5: up to 2.5 times finer
-
-
-def test_cost_of_a_run_of_three_hundredths_of_a_second(in_this_process):
-    scene = load_scene(CASE)
-    table = work_precision(scene, scaled(cost_variants(["reference"], depth=Depth.QUICK), scene, 0.03), t_end=0.03, repeats=1).make().table
-    assert set(table["status"]) == {"ok"} and table.loc[table["parameter"] == "dt", "step"].max() <= 3e-4
-    assert table["position error [m]"].max() < 1e-6  # of fourth order at 2e-4 s, or a tolerance of 1e-3 over less than a hundredth of a period
-
-
-def test_a_run_without_a_time_says_why_in_its_row():
-    why = "not timed: the rounds of its ladder take more than 10 s"
-    table = pd.DataFrame([{"scene": CASE, "variant": "slow", "engine": "slow", "fidelity": "joint", "settings": "{}", "parameter": "dt", "step": step, "status": "ok", "reason": "",
-                           "cpu [s]": seconds, OWN_CPU: seconds, "repeats": repeats, TIMING: note, "position error [m]": 1e-3, "position uncertainty [m]": 0.0}
-                          for step, seconds, repeats, note in ((1e-2, 3.0, 5, ""), (1e-3, np.nan, 0, why))])
-    [whole] = [view for view in cost.present(Results((), {}, {"cost": table})).tables if view.name == "cost-all"]
-    assert [why in row for row in whole.cells()] == [False, True]
-
-
-def test_costs_of_a_step_are_of_equal_repeats_and_have_reasons_where_there_are_none(monkeypatch):
-    """The table of the engines' pages: one step, one number of rounds, every method that steps; a failed one says why."""
-    asked = {}
-
-    def planned(scene, variants, **options):
-        asked.update(options, variants=variants)
-        rows = [{"variant": variant.label, "version": None if lost else "1", "status": "failed" if lost else "ok",
-                 "reason": "gave up" if lost else "", "cpu [s]": 8e-2, OWN_CPU: 2e-2, "repeats": 8,
-                 TIMING: "unsure" if variant.engine == "pymunk" else "", "position error [m]": 1e-3}
-                for variant in variants for lost in [variant.engine == "drake"]]
-        return SimpleNamespace(make=lambda: SimpleNamespace(table=pd.DataFrame(rows)))
-
-    monkeypatch.setattr(benchmark, "work_precision", planned)
-    lines = list(benchmark.engine_costs(load_scene("slider-bar-case-1")))
-    stepped = {variant.label for variant in cost_variants()
-               if variant.parameter == "dt" and variant.engine != "reference"}
-    assert {variant.label for variant in asked["variants"]} == set(stepped)
-    assert asked["repeats"] == MOST
-    assert all(variant.ladder == (1e-3,) for variant in asked["variants"] if variant.parameter == "dt")
-    assert "medians of 8 repeats each" in lines[0] and "| MuJoCo | 1 | 10 | 2.5 | 3.0 | 1.0e-03 |" in lines
-    assert "| Drake, contact |  | failed: gave up |  |  |  |" in lines
-    assert "| pymunk | 1 | 10 (1) | 2.5 | 3.0 | 1.0e-03 |" in lines and lines[-1] == "(1) unsure"

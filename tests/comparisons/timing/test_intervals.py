@@ -28,10 +28,6 @@ def test_level_is_that_of_order_statistics(n, level):
     assert n < 5 and found.width == np.inf or n >= 5 and found.width < np.inf
 
 
-def test_a_time_that_is_not_a_number_has_no_median():
-    assert np.isnan(median_interval([1.0, np.nan]).value)
-
-
 def test_a_machine_that_slows_down_cancels_from_a_ratio():
     slower = np.linspace(1.0, 3.0, 9) * (1 + 1e-3 * np.random.default_rng(0).normal(size=9))
     found = ratio_interval(2.0 * slower, slower)

@@ -1,14 +1,13 @@
 """Energy, rest with shared friction, and what a stuck guide must not do, on mechanisms with friction."""
 
-import copy
-
 import numpy as np
 import pytest
 from reference_checks import balance_residual, energy_defect, errors, same_events, simulate, states
+from truth_checks import rocking_trammel
 
 from stiction.comparisons.hard.checks import friction_excess
 from stiction.comparisons.truth import moving_guide_truth, slider_bar_truth, trammel_truth
-from stiction.scenes import load_scene, scene_from_dict, vary
+from stiction.scenes import load_scene, scene_from_dict
 
 
 @pytest.mark.parametrize(("name", "t_end"), [
@@ -21,15 +20,6 @@ def test_energy_balance_and_action_equals_reaction(name, t_end):
     trajectory = simulate(scene, t_end=t_end, rtol=1e-12, stabilization="projection")
     assert balance_residual(scene, trajectory.t, trajectory.columns) < 1e-11  # rounding of the linear solves
     assert friction_excess(scene, trajectory.columns) < 1e-12
-
-
-def rocking_trammel():
-    """From rest, with a spring and a sine force: it comes to rest, waits and breaks away."""
-    raw = copy.deepcopy(vary(load_scene("elliptic-trammel"), {"w": 0, "T": 0, "mu": 0.1, "mus": 0.15})._raw)
-    raw["springs"] = {"spring": {"type": "linear", "bodies": ["slider-x", "ground"], "axis": [1, 0], "stiffness": 40}}
-    raw["forces"]["load"] = {"type": "force", "body": "slider-x", "direction": [1, 0],
-                             "law": {"type": "sine", "amplitude": 10, "frequency": 4}}
-    return scene_from_dict(raw, "rocking")
 
 
 MOTION = ("x", "y", "angle", "vx", "vy", "omega", "ax", "ay", "alpha")

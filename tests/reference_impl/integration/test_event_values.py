@@ -80,11 +80,3 @@ def test_sides_lie_between_their_neighbours(located):
 def test_events_without_values_where_they_are_not_wanted():
     run = load_engine("reference").simulate(load_scene(SCENE), t_end=T_END, dt=COARSE, output_step=COARSE, event_values=False)
     assert run.events and not any(event.before or event.after for event in run.events)
-
-
-@pytest.mark.parametrize("settings", [{"rtol": 1e-6}, {"dt": 1e-3}])
-def test_events_without_values_share_nothing(settings):
-    """What is added to one of them is not in the others."""
-    first, *others = load_engine("reference").simulate(load_scene("slider-bar-case-1"), event_values=False, **settings).events
-    first.before["found"] = 1.0
-    assert others and not first.after and not any(event.before or event.after for event in others)

@@ -13,8 +13,6 @@ shrinks with the tolerance: a pair that differs is run again at a hundredth of i
 not become a tenth.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace

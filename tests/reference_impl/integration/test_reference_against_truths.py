@@ -14,9 +14,8 @@ import second_method
 from stiction.comparisons.measures import scene_truth
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
-from stiction.comparisons.truth import (HIGH_PRECISION, incline_truth, moving_guide_truth, non_stop_limit,
-                                        non_stop_peak, oscillator_truth, pendulum_truth, slider_bar_truth,
-                                        slider_crank_truth, stick_slip_cycle, trammel_truth)
+from stiction.comparisons.truth import (HIGH_PRECISION, incline_truth, moving_guide_truth, oscillator_truth,
+                                        pendulum_truth, slider_bar_truth, slider_crank_truth, trammel_truth)
 from stiction.engines import load_engine
 from stiction.reference_impl.integration.coulomb_audit import audit
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
@@ -155,45 +154,6 @@ def test_other_mechanisms(name, build):
     assert found.get("events missed", 0) == found.get("events spurious", 0) == 0
     assert not found.get("event time error [s]", 0.0) > 1e-9
     assert not found.get("torque error, L1 mean [N m]", 0.0) > 1e-8
-
-
-class TestDenHartog:
-    def test_peak(self):
-        """The last period before 240 s is the steady state to 1e-11; between samples the peak is missed by
-        x'' dt^2/8 = 2e-5 (dt/0.01)^2, so that the largest of the two-sided values at the reversals is taken, where the
-        velocity is zero."""
-        run = simulate(load_scene("coulomb-oscillator"), **TIGHT)
-        peak = max(abs(event.before["slider.x"]) for event in run.events[-4:])
-        assert peak == pytest.approx(non_stop_peak(0.7, 0.5), abs=1e-9)
-        assert peak == pytest.approx(1.744253936249, abs=1e-9)
-
-    @pytest.mark.parametrize(("share", "sticks"), [(0.995, False), (1.01, True)])
-    def test_limit(self, share, sticks):
-        scene = vary(load_scene("coulomb-oscillator"), {"b": share * non_stop_limit(0.7)})
-        run = simulate(scene, rtol=1e-9, output_step=1.0)
-        assert any(event.kind == "stick" and event.time > 160 for event in run.events) == sticks
-
-
-def test_belt_cycle():
-    """Stick time, slip time and amplitude in closed form, at mus > mu."""
-    scene = load_scene("mass-on-belt")
-    guide = next(iter(scene.frictional_guides.values()))
-    cycle = stick_slip_cycle(mass=scene.bodies["slider"].mass, stiffness=next(iter(scene.springs.values())).stiffness,
-                             speed=scene.parameters["v0"], mu=guide.mu, mus=guide.mus,
-                             normal=scene.bodies["slider"].mass * -scene.gravity[1])
-    events = simulate(scene, **TIGHT).events
-    slips, sticks = ([event.time for event in events if event.kind == kind] for kind in ("slip", "stick"))
-    assert sticks[-1] - [t for t in slips if t < sticks[-1]][-1] == pytest.approx(cycle.slip_time, abs=1e-9)
-    assert slips[-1] - [t for t in sticks if t < slips[-1]][-1] == pytest.approx(cycle.stick_time, abs=1e-9)
-
-
-@pytest.mark.parametrize(("degrees", "slides"), [(16.6, False), (16.8, True)])
-def test_incline_sticks_up_to_the_angle_of_friction(degrees, slides):
-    """tan(16.699 deg) = mus = 0.3."""
-    scene = vary(load_scene("block-on-incline"), {"incline": f"deg({degrees})"})
-    run = simulate(scene, rtol=1e-9)
-    assert (abs(run["slider.vx"][-1]) > 0.1) == slides
-    assert slides or np.all(run["slider.vx"] == 0.0)
 
 
 def test_a_damped_slider_bar_has_an_independent_truth():

@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from contact_mode_enumeration import consistent_forces
 from random_mechanisms import extreme_scene, moderate_scene
 
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
@@ -181,47 +182,10 @@ def test_solution_scales_with_mass_and_length(mass, length):
 
 
 def consistent_modes(m, w, slip, stuck):
-    """Row forces of every consistent contact mode, written from the law of friction alone.
-
-    A guide at rest stays there or leaves in either direction, loaded by mus; the others slip. n1, n2 = R/2 -+ N/a.
-    """
-    rows, guides, found = m.rows, m.friction.view(np.recarray), []
-    choices = []
-    for f, guide in enumerate(guides):
-        signs = list(product((1, -1), repeat=2)) if guide.length > 0 else [(1, 1), (-1, -1)]
-        directions = [(1, guide.mus), (-1, guide.mus)] if stuck[f] else [(slip[f], guide.mu)]
-        choices.append(([(0, 0.0, (1, 1))] if stuck[f] else []) + [(d, mu, s) for d, mu in directions for s in signs])
-    for mode in product(*choices):
-        A, b = w.G.copy(), w.right.copy()
-        for f, (d, mu, (s1, s2)) in enumerate(mode):
-            if d:
-                guide = guides[f]
-                A[rows + f], b[rows + f] = 0.0, 0.0
-                A[rows + f, rows + f] = 1.0
-                # f + mu d (s1 n1 + s2 n2) = 0, N = T + (b/2) mu d R
-                R, T = ((s1 + s2) / 2, 0.0) if guide.length == 0 else (
-                    (s1 + s2) / 2 + (s2 - s1) / guide.length * guide.width / 2 * mu * d, (s2 - s1) / guide.length)
-                A[rows + f, guide.row] += mu * d * R
-                A[rows + f, guide.row + 1] += mu * d * T
-        force = np.linalg.solve(A, b)
-        floor, fits = 1e-9 * np.max(np.abs(force)), True
-        acceleration = w.G[rows:] @ force - w.right[rows:]
-        for f, (d, mu, (s1, s2)) in enumerate(mode):
-            guide, (R, T), friction = guides[f], force[guides[f].row:guides[f].row + 2], force[rows + f]
-
-            def corners(kappa):
-                if guide.length == 0:
-                    return np.array([R / 2, R / 2])
-                N = T - guide.width / 2 * kappa * R
-                return np.array([R / 2 - N / guide.length, R / 2 + N / guide.length])
-
-            if d == 0:
-                capacity = [guide.mus * np.sum(np.abs(corners(-s * guide.mus))) for s in (1, -1)]
-                fits &= -capacity[0] - floor <= friction <= capacity[1] + floor
-            else:
-                fits &= bool(np.all(np.array([s1, s2]) * corners(-mu * d) >= -floor))
-                fits &= not stuck[f] or d * acceleration[f] >= -1e-9
-        if fits and not any(np.allclose(force, other, atol=1e-6) for other in found):
+    """Row forces of every consistent contact mode, once each."""
+    found = []
+    for force in consistent_forces(m, w, slip, stuck)[0]:
+        if not any(np.allclose(force, other, atol=1e-6) for other in found):
             found.append(force)
     return found
 

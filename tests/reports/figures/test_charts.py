@@ -1,7 +1,5 @@
 """Every kind of figure draws where the data are, in looks that can be told apart, inside of its edges, and twice the same."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -89,16 +87,6 @@ def test_points_and_intervals_are_where_the_data_are():
         np.testing.assert_allclose(ends[:, :, 1 - across], np.array([(y, x)[across]] * 2).T)
     assert (first.get_xscale(), first.get_yscale(), second.get_xscale()) == ("log", "log", "linear")
     assert [label.get_text() for label in second.get_yticklabels()] == ["a", "b", "c"] and second.get_ylim() == (-0.5, 2.5)
-
-
-def test_panels_have_letters_titles_and_units_and_one_legend():
-    with rc():
-        figure = saved(draw(errors(), LOOKS))
-    panels = [ax for ax in figure.axes if ax.axison]
-    assert [ax.get_title("left") for ax in panels] == ["(a) Case 1", "(b) Case 2", "(c) Case 1", "(d) Case 1"] and len(figure.axes) == 6
-    assert panels[0].get_xlabel() == "step [s]" and panels[0].get_ylabel() == "error [m]"
-    [legend] = figure.legends
-    assert sorted(text.get_text() for text in legend.get_texts()) == ["other", "reference", "truth"]
 
 
 @pytest.mark.parametrize("column", ["single", "double"])

@@ -4,11 +4,12 @@ import re
 
 import numpy as np
 import pytest
+from conftest import installed
 
 from stiction.comparisons.hard.other_units import Units, scaled
-from stiction.comparisons.truth import (incline_truth, moving_guide_truth, oscillator_truth, slider_bar_truth,
-                                        slider_crank_truth, trammel_truth)
-from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Refused, load_engine
+from stiction.comparisons.truth import (moving_guide_truth, oscillator_truth, slider_bar_truth, slider_crank_truth,
+                                        trammel_truth)
+from stiction.engines import BadTrajectory, EngineFailure, Refused
 from stiction.engines.protocol import Declined
 from stiction.scenes import load_scene, scene_from_dict, vary
 
@@ -22,13 +23,6 @@ CONTACT_CREEP = {**CREEP, "mujoco": 1.01 * 0.5 * (1 / 2 + 0.3 ** 2 / 0.1) / 1e4 
 """The same of the block below at contact fidelity. MuJoCo's friction gives way by (1 - d)/d = 0.5 of what a corner's normal direction moves by, over `impratio`, and
 two corners share the load. A box of DART's lands in its guide within a step, g h^2 deep at most; after 500 steps, as 1 % of an overlap is corrected in each, it slides no
 faster than it rises."""
-
-
-def installed(name):
-    try:
-        return load_engine(name)
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
 
 
 @pytest.fixture(params=["pymunk", "pybullet", "mujoco", "drake", "dart"])
@@ -106,6 +100,13 @@ class TestSliderBar:
         assert largest_error(run, truths[1], "slider.x") < late * 1e-3
         assert run["drift.position"].max() < 1e-3  # metres and radians that the box sinks and tilts
 
+    @pytest.mark.parametrize("case", [1, 3])
+    @pytest.mark.parametrize("name", ["mujoco", "drake", "dart"])
+    def test_contacts_are_of_first_order(self, truths, name, case):
+        """As the pages of these three engines say."""
+        runs = [installed(name).simulate(load_scene(f"slider-bar-case-{case}"), t_end=4.0, dt=dt, fidelity="contact", output_step=0.02) for dt in (4e-3, 1e-3)]
+        assert order([largest_error(run, truths[case], "slider.x") for run in runs], 4.0) > 0.8
+
     def test_repeats_to_the_bit(self, engine):
         for fidelity in engine.capabilities.fidelities:
             one, two = (engine.simulate(load_scene("slider-bar-case-1"), t_end=1.0, dt=5e-3, fidelity=fidelity)
@@ -161,13 +162,6 @@ class TestFriction:
         dt = 1e-3
         run = contact_engine.simulate(block(0.0, 1.5, 1.5, 0.6, 0.1, speed=4.0), t_end=0.2, dt=dt, fidelity="contact")
         assert run["guide.slip_velocity"][-1] == pytest.approx(4 - 1.5 * G * run.t[-1], abs=3 * dt * 1.5 * G)
-
-    def test_matches_the_incline_of_the_catalogue(self, engine):
-        scene = load_scene("block-on-incline")
-        dt = 1e-3
-        run = engine.simulate(scene, t_end=1.0, dt=dt)
-        speed = np.hypot(run["slider.vx"], run["slider.vy"]).max()
-        assert largest_error(run, incline_truth(scene, 1.0), "slider.x") < 2 * dt * speed
 
     def test_coulomb_oscillator(self, engine):
         scene = load_scene("coulomb-oscillator")
@@ -268,17 +262,6 @@ class TestOutput:
         with pytest.raises(Declined, match="the start is 0.1 m or rad off its constraints"):
             installed(engine_name).simulate(scene, t_end=0.1)
 
-    def test_instants(self, engine):
-        run = engine.simulate(load_scene("block-on-incline"), t_end=0.1, dt=3e-3, output_step=0.01)
-        np.testing.assert_allclose(run.t, np.arange(len(run.t)) * 9e-3, rtol=1e-12)  # nearest multiple of dt
-
-    def test_settings_come_back(self, engine):
-        run = engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, passes=7)
-        assert run.settings["passes"] == 7
-        assert run.settings["dt"] == 1e-3
-        assert "Coulomb" in run.settings["friction_law"]
-        assert run.cost.counters["steps"] == 101
-
     @pytest.mark.parametrize(("arguments", "words"), [
         ({"speed": 3}, "speed: .* has no such setting at joint fidelity; expected one of .*passes"),
         ({"passes": 0}, "passes: found 0; expected a whole number >= 1"),
@@ -306,17 +289,11 @@ class TestOutput:
 
 
 class TestRefusals:
-    def test_contact_without_width(self, contact_engine):
-        with pytest.raises(Refused, match="guide: contact fidelity needs the slider's length and width"):
-            contact_engine.simulate(load_scene("coulomb-oscillator"), fidelity="contact")
-
-    def test_contact_on_a_moving_guide(self, contact_engine):
-        with pytest.raises(Refused, match="its guide is the body 'arm'"):
-            contact_engine.simulate(load_scene("slider-on-moving-guide"), fidelity="contact")
-
-    def test_contact_without_guide(self, contact_engine):
-        with pytest.raises(Refused, match="no translational joint"):
-            contact_engine.simulate(load_scene("four-bar"), fidelity="contact")
+    @pytest.mark.parametrize(("name", "words"), [("coulomb-oscillator", "guide: contact fidelity needs the slider's length and width"),
+                                                 ("slider-on-moving-guide", "its guide is the body 'arm'"), ("four-bar", "no translational joint")])
+    def test_contacts_need_a_box_in_a_guide_of_the_ground(self, contact_engine, name, words):
+        with pytest.raises(Refused, match=words):
+            contact_engine.simulate(load_scene(name), fidelity="contact")
 
     def test_a_body_in_two_guides_of_unlike_friction(self, contact_engine):
         """Engines with one box for a body, or with contacts told by body, would give both guides one friction."""
@@ -337,12 +314,6 @@ class TestRefusals:
                                  "law": {"type": "linear", "rate": 1}}}})
         with pytest.raises(Refused, match="drives.motor"):
             engine.simulate(scene)
-
-
-def test_own_time_is_a_part_of_the_total(engine):
-    """What the adapter does is not the engine's; the engine is most of it nowhere and something everywhere."""
-    cost = engine.simulate(load_scene("slider-bar-case-1"), t_end=2.0, dt=1e-3).cost
-    assert 0 < cost.engine_s < cost.stepping_s and cost.own_s == cost.engine_s
 
 
 def pile(blocks):

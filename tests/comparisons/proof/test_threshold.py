@@ -24,7 +24,7 @@ from stiction.comparisons.truth import NotThisMechanism
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import StickThreshold, steady_state
 from stiction.comparisons.variants import physics_of
-from stiction.scenes import load_scene, vary
+from stiction.scenes import load_scene
 
 CASE = "slider-bar-case-1"
 
@@ -73,20 +73,9 @@ def test_ends_that_do_not_differ_are_no_threshold(monkeypatch, sliding):
         proven_threshold(load_scene(CASE), 3)
 
 
-def test_frequencies_without_a_common_period():
-    with pytest.raises(ValueError, match="common period"):
-        proven_threshold(vary(load_scene(CASE), {"Omega": 1.0}))
-
-
 def test_other_mechanisms():
     with pytest.raises(NotThisMechanism):
         proven_threshold(load_scene("pendulum"))
-
-
-def test_decimals():
-    assert decimal(Fraction(4211956266, 10 ** 9)) == "4.211956266"
-    assert decimal(Fraction(3)) == "3"
-    assert decimal(Fraction(1, 3)) == "1/3"
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """Tables as data become the texts that they should, and keys lead to rows or are refused in words."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -64,10 +62,6 @@ def test_latex_of_any_text_has_no_command_of_its_own(text):
     ('a "tier" ("own")', "a ``tier'' (``own'')"), ("1 ± 2", r"1 \textpm{} 2")])
 def test_latex_of(text, expected):
     assert latex.escape(text) == expected
-
-
-def test_citations_and_references_of_a_paragraph():
-    assert latex.paragraphs(["As [@a; @b] say, see [#fig:x] and **5 %**."]) == "As~\\cite{a,b} say, see~\\ref{fig:x} and \\textbf{5 \\%}.\n"
 
 
 @pytest.mark.parametrize("table, rows, key", [

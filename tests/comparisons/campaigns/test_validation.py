@@ -1,14 +1,10 @@
 """A validation during which an engine's child process is killed ends as any other, and names what was lost."""
 
 import re
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
-import psutil
 import pytest
 from conftest import LONG_STUDIES
 from typer.testing import CliRunner
@@ -22,7 +18,6 @@ from stiction.comparisons.studies.study import studies
 from stiction.engines import Outcome
 from stiction.reports import report_of, write_report
 
-ROOT = Path(__file__).parents[3]
 QUESTIONS = {study.name: study.question for study in studies()}
 LAST = ["What failed?", "Parameters of the scenes", "Truths", "Provenance"]
 KILLED = "SIGKILL (killed from outside, or out of memory)"
@@ -85,32 +80,6 @@ def test_a_child_that_dies_in_a_run(tmp_path, monkeypatch, compiled, short_valid
     accuracy = pd.read_csv(tmp_path / "report" / "data" / "accuracy.csv").set_index("key")
     assert accuracy["position error [m]"].isna().sum() == 1
     assert pd.isna(accuracy.loc[lost["key"].item(), "position error [m]"])
-
-
-@pytest.mark.long
-def test_a_child_killed_from_outside(tmp_path, compiled):
-    started = subprocess.Popen([sys.executable, "-m", "stiction", "validate", "--quick", "--engines", "pymunk", "--out",
-                                "report"],
-                               cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        child = None
-        while child is None and started.poll() is None:
-            child = next(filter(works_in_pymunk, psutil.Process(started.pid).children(recursive=True)), None)
-            time.sleep(0.05)
-        child.kill()
-        printed, said = started.communicate(timeout=600)
-    finally:
-        started.kill()
-    assert started.returncode == 0, said
-    check(tmp_path / "report", printed, "pymunk", {"settings"})
-
-
-def works_in_pymunk(process: psutil.Process) -> bool:
-    """Whether the engine's library is loaded: the first it is loaded for is a threshold, that takes seconds."""
-    try:
-        return any("pymunk" in mapped.path for mapped in process.memory_maps())
-    except psutil.Error:  # it has just ended
-        return False
 
 
 def test_an_interrupted_validation_ends_at_once_with_a_report(tmp_path, monkeypatch, compiled, short_validation):

@@ -1,13 +1,11 @@
 """An engine's accelerations under our own integrator: the error is the tolerance's, events are located, limits are said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
+from conftest import installed
 
-from stiction.comparisons.campaigns.participants import cost_variants
 from stiction.comparisons.measures.scene_truth import ground_truth
-from stiction.engines import EngineMissing, Refused, load_engine
+from stiction.engines import Refused
 from stiction.scenes import load_scene
 
 METHOD = {"method": "accelerations"}
@@ -15,10 +13,7 @@ METHOD = {"method": "accelerations"}
 
 @pytest.fixture(scope="module", params=["pybullet", "mujoco", "drake", "dart"])
 def engine(request):
-    try:
-        return load_engine(request.param)
-    except EngineMissing as missing:
-        pytest.skip(str(missing))
+    return installed(request.param)
 
 
 @pytest.mark.parametrize(("name", "t_end"), [("slider-bar-case-1", 4.0), ("slider-on-moving-guide", 2.0)])
@@ -59,9 +54,3 @@ def test_says_what_does_not_go_with_it(engine, wrong):
         pytest.skip(f"{engine.name} has no {wrong['fidelity']} fidelity")
     with pytest.raises(ValueError, match="accelerations"):
         engine.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.1, **wrong, **METHOD)
-
-
-def test_are_lines_of_the_cost_ladders():
-    lines = [variant for variant in cost_variants() if variant.settings == METHOD]
-    assert {line.engine for line in lines} == {"pybullet", "mujoco", "drake", "dart"} and all(line.parameter == "rtol" and len(line.ladder) > 2 for line in lines)
-    assert not set(line.label for line in lines) & {variant.label for variant in cost_variants(["pymunk"])}

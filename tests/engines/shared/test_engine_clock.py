@@ -1,7 +1,5 @@
 """What of a run's CPU time is the engine's own, on a machine whose clocks are told what happens."""
 
-from __future__ import annotations
-
 import pytest
 
 from stiction.engines.shared import engine_clock
@@ -80,19 +78,6 @@ def test_a_disturbance_costs_at_most_its_interval(machine, inside):
     assert (clock.engine_s > 1000 * STEP) == inside
 
 
-def test_where_others_take_each_second_instant_the_part_stays(machine):
-    made, clock = machine(), EngineClock()
-
-    def slowly(seconds: float) -> None:
-        made.work(seconds)
-        made.wait(seconds)
-
-    for _ in range(1000):
-        clock.call(slowly, STEP)
-        slowly(2 * STEP)
-    assert clock.engine_s == pytest.approx(1000 * STEP)
-
-
 def test_what_is_called_back_is_not_the_engines(machine):
     made, clock = machine(), EngineClock()
 
@@ -106,16 +91,3 @@ def test_what_is_called_back_is_not_the_engines(machine):
     made.work(7 * STEP)
     assert clock.call(steps) == "done"
     assert clock.engine_s == pytest.approx(2000 * STEP) and clock.calls == 1
-
-
-def test_it_begins_anew(machine):
-    made = machine()
-    clock = run(made, 10, STEP, STEP)
-    clock.start()
-    clock.call(made.work, 3 * STEP)
-    assert clock.engine_s == pytest.approx(3 * STEP) and clock.calls == 1
-
-
-def test_nothing_took_no_time(machine):
-    machine()
-    assert EngineClock().engine_s == 0.0

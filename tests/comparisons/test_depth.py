@@ -1,7 +1,5 @@
 """Depths of the main job: each has all of the one before; finished studies are reported at once."""
 
-from __future__ import annotations
-
 import pandas as pd
 import pytest
 from hypothesis import given
@@ -10,10 +8,9 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
-from stiction.cli.render import duration
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.comparison import Comparison, records_comparison
-from stiction.comparisons.campaigns.participants import cost_variants, extent, threshold_variants, variants
+from stiction.comparisons.campaigns.participants import cost_variants, threshold_variants, variants
 from stiction.comparisons.campaigns.validation import _Watch, union
 from stiction.comparisons.depth import Depth, down_to
 from stiction.comparisons.hard import hard_cases
@@ -106,12 +103,6 @@ def test_one_depth_at_a_time():
     assert ended.exit_code == BAD_INPUT and "--quick, --full" in ended.output
 
 
-def test_every_depth_says_all_that_it_runs():
-    assert {extent(depth).trajectories for depth in Depth} == {"drawn", "all"}
-    assert all((extent(Depth.FULL).sensitivity, extent(Depth.FULL).equal_error, extent(Depth.FULL).settings))
-    assert extent(Depth.QUICK).bracket > extent(Depth.DEFAULT).bracket > extent(Depth.FULL).bracket
-
-
 def plan():
     """Three studies; the last is timed."""
     def comparison(name, *labels, rounds=0):
@@ -145,8 +136,3 @@ def test_after_an_interrupt_nothing_more_is_told():
     for label, status in (("case", "ok"), ("run 1", "ok"), ("run 2", "not run"), ("timed/run 1", "not run")):
         watch.result(Outcome(label, status))
     assert told == ["hard"] and watch.interrupted
-
-
-@pytest.mark.parametrize(("seconds", "words"), [(3, "0 s"), (44, "40 s"), (100, "2 min"), (700, "12 min")])
-def test_the_time_left_is_told_as_exactly_as_it_is_known(seconds, words):
-    assert duration(seconds) == words

@@ -1,7 +1,5 @@
 """A run read back is the run; a paper of it is the same bytes twice; every number in it leads to its row and its trajectory."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -20,14 +18,9 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.studies.equal_error import equal_error
 from stiction.comparisons.variants import OWN_CPU
 from stiction.reports import report_of, write_report
-from stiction.reports.page_one import bullets
 from stiction.reports.paper import folder, write_paper
-from stiction.reports.paper.folder import summary
-from stiction.reports.paper.methods import methods
 from stiction.reports.run_folder.stored_run import StoredRun, read_run
 from stiction.reports.run_folder.trace import keys, resolve
-
-POINTS_PER_MM = 72 / 25.4
 
 
 @pytest.fixture(scope="module")
@@ -52,12 +45,6 @@ def run(whole, tmp_path_factory) -> StoredRun:
 @pytest.fixture(scope="module")
 def paper(run, tmp_path_factory):
     return write_paper(run, tmp_path_factory.mktemp("paper") / "double").parent
-
-
-@pytest.fixture(scope="module")
-def narrow(run, tmp_path_factory):
-    """With figures as wide as one column, and authors."""
-    return write_paper(run, tmp_path_factory.mktemp("paper") / "narrow", "single", authors=("A. Bee", "C. & D. Eff")).parent
 
 
 def test_what_is_read_is_what_was_written(run, whole):
@@ -86,22 +73,6 @@ def test_same_run_same_bytes(run, paper, tmp_path, monkeypatch):
     assert names == [path.relative_to(again) for path in sorted(again.rglob("*")) if path.is_file()]
     for name in names:
         assert (paper / name).read_bytes() == (again / name).read_bytes(), name
-
-
-@pytest.mark.parametrize("column, millimetres", [("double", 174), ("single", 84)])
-def test_figures_are_as_wide_as_the_columns_of_a_page_and_vectors(column, millimetres, paper, narrow):
-    figures = list(((paper if column == "double" else narrow) / "figures").iterdir())
-    assert len(figures) > 5
-    for figure in figures:
-        content = figure.read_bytes()
-        [box] = re.findall(rb"/MediaBox \[ ([\d. ]+) \]", content)
-        assert float(box.split()[2]) == pytest.approx(millimetres * POINTS_PER_MM, abs=0.5)
-        assert b"/FontFile2" in content and b"/Type3" not in content and b"/Subtype /Image" not in content
-
-
-def test_methods_say_of_a_run_that_was_cut_short_that_it_was(run):
-    cut = replace(run, origin={**run.origin, "campaign": {**run.origin["campaign"], "interrupted": True}})
-    assert ["It was interrupted" in methods(one, run.validation())[2] for one in (run, cut)] == [False, True]
 
 
 def test_the_folder_lists_its_files_and_is_the_run_s(run, paper):
@@ -139,21 +110,6 @@ def test_what_is_cited_is_in_the_references(paper):
     assert "0.1.0" in (paper / "methods.tex").read_text()
 
 
-NEEDED = {"article": {"author", "title", "journal", "volume", "pages", "year"}, "book": {"author", "title", "publisher", "year"},
-          "inproceedings": {"author", "title", "booktitle", "pages", "year"}, "incollection": {"author", "title", "booktitle", "editor", "pages", "publisher", "year"},
-          "misc": {"author", "title"}}
-
-
-def test_references_are_complete(paper):
-    """Fields that each kind of publication needs; a DOI is one, and nobody has the same."""
-    dois = []
-    for kind, key, body in re.findall(r"^@(\w+)\{(\w+),\n(.*?)^\}", (paper / "references.bib").read_text(), re.M | re.S):
-        fields = dict(re.findall(r"^  (\w+)\s*= \{(.*)\},?$", body, re.M))
-        assert NEEDED[kind] <= fields.keys(), key
-        dois += [fields["doi"]] if "doi" in fields else []
-    assert len(dois) == len(set(dois)) > 10 and all(re.fullmatch(r"10\.\d{4,5}/\S+", doi) for doi in dois)
-
-
 def test_each_figure_and_table_is_referred_to_once_labelled(paper):
     """Tables that are not in the paper are only in the folder."""
     main = (paper / "paper.tex").read_text()
@@ -180,20 +136,6 @@ def test_numbers_of_a_table_are_those_of_the_rows(run):
                         assert row[column.name] == source.rows[column.name].iloc[0] or pd.isna(row[column.name])
                         compared += 1
     assert compared > 5
-
-
-def test_findings_are_in_the_paper_and_their_keys_lead_to_rows(run, paper):
-    body = (paper / "paper.tex").read_text().partition(r"\section{Results}")[2].partition(r"\section{Methods}")[0]
-    items = body.split(r"\item ")[1:]
-    report = report_of(run.validation())
-    assert len(items) == len(summary(report)) > len(bullets(report)) > 1
-    found = [key for item in items for key in re.findall(r"\b[A-Z]\d+(?:-\d+)?\b", item.rpartition("(")[2])]
-    assert found and all(len(resolve(run, key).rows) for key in found)
-
-
-def test_authors_stand_below_the_title(narrow):
-    assert r"\author{A. Bee \and C. \& D. Eff}" in (narrow / "paper.tex").read_text()
-    assert b"C. &amp; D. Eff" in (narrow / "paper.pdf").read_bytes()  # XMP, not compressed
 
 
 def test_paper_without_any_run_that_came_out(lost_records, truths, tmp_path):

@@ -1,6 +1,4 @@
-"""What a run folder keeps of the runs: those that figures show, bit by bit, and the command for the others; in few bytes."""
-
-from __future__ import annotations
+"""What a run folder keeps of the runs: those that figures show, bit by bit, and the command for the others."""
 
 import shlex
 from dataclasses import replace
@@ -19,12 +17,7 @@ from stiction.comparisons.variants import Record, has_static_coefficient, job, p
 from stiction.engines import Outcome, load_engine
 from stiction.reports.run_folder.data import SAMPLE_STEP, data_tables, thinned, write_data
 from stiction.reports.run_folder.reproduce import again
-from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import described, resolve
 from stiction.scenes import load_scene
-
-MOST, DRAWN = 25e6, 30
-"""Bytes of a folder by default, and the runs that it then stores: ten on each of three scenes."""
 
 
 @pytest.fixture(scope="module")
@@ -72,13 +65,6 @@ def test_fine_samples_are_thinned_and_events_are_not():
     assert np.array_equal(thinned(coarse).t, coarse.t)
 
 
-def test_a_folder_is_small(folder):
-    """Scaled to the 24 s and 30 runs of the default; a third of the room is for tables and figures."""
-    sizes = [path.stat().st_size for path in (folder / "data" / "trajectories").iterdir()]
-    rest = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) - sum(sizes)
-    assert DRAWN * np.mean(sizes) * 24 / 9 < 2 / 3 * MOST and rest < 1 / 3 * MOST
-
-
 @pytest.mark.parametrize("label, rung", [("paper's scheme", 1e-2), ("trial and error", 1e-9), ("pymunk", 1e-2), ("Exudyn, contact", 4e-3)])
 def test_the_command_makes_the_same_run(label, rung, tmp_path, monkeypatch, in_this_process):
     [chosen] = [each for each in participants() if each.label == label]
@@ -91,16 +77,6 @@ def test_the_command_makes_the_same_run(label, rung, tmp_path, monkeypatch, in_t
     ended = CliRunner().invoke(app, [*command[1:], "--out", "again.parquet", "--events"])
     assert ended.exit_code == 0, ended.output
     pd.testing.assert_frame_equal(pd.read_parquet("again.parquet"), run.to_frame(events=True), check_exact=True)
-
-
-def test_a_trace_tells_the_command_and_a_threshold_no_trajectory(small, folder):
-    tables = {path.stem: pd.read_parquet(path) for path in (folder / "data").glob("*.parquet") if path.stem != "events"}
-    stored = StoredRun(folder, {"commit": None, "date": "", "versions": {}, "machine": {}}, tables)
-    lost = tables["accuracy"].index[tables["accuracy"][AGAIN].notna()]
-    for row in tables["runs"].index[tables["runs"][AGAIN].notna()]:
-        source = resolve(stored, f"R{row + 1}")
-        assert source.files == () and dict(described(stored, source))[AGAIN].startswith(f"stiction run {CASE} --engine reference --dt 0.01")
-    assert list(lost) == [] and resolve(stored, "T1").files == () and TRAJECTORY not in tables["threshold"]
 
 
 def test_an_effect_is_made_again_with_all_effects(small):

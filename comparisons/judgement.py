@@ -27,7 +27,7 @@ from stiction.comparisons.variants import Record, Variant
 from stiction.engines import coherence
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate
 from stiction.engines.isolation import Outcome
-from stiction.reference_impl.multibody.energies import needed_columns
+from stiction.reference_impl.energies import needed_columns
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Event, InputError, Scene, Trajectory, load_scene, vary

@@ -15,17 +15,18 @@ if TYPE_CHECKING:
     from stiction.comparisons.judgement import Judgement, judge
     from stiction.engines import (BadTrajectory, Capabilities, Engine, EngineFailure, EngineMissing, Job, Outcome,
                                   Refused, UnknownEngine, engine_names, load_engine, run_isolated)
-    from stiction.reference_impl.multibody.energies import energies
-    from stiction.reference_impl.multibody.equations import Equations, corner_forces, equations_of_motion
+    from stiction.reference_impl.energies import energies
+    from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
     from stiction.reference_impl.multibody.reactions import recover_columns
+    from stiction.reference_impl.multibody.trajectory_columns import corner_forces
     from stiction.scenes import (Breakdown, Cost, Event, InputError, Scene, SceneError, StictionError, Trajectory,
                                  load_scene, scene_from_dict, scene_to_toml)
     from stiction.scenes.laws import evaluate_law
 
 __all__ = ["BadTrajectory", "Breakdown", "Capabilities", "Cost", "Engine", "EngineFailure", "EngineMissing",
-           "Equations", "Event", "InputError", "Job", "Judgement", "Outcome", "Refused", "Scene", "SceneError",
-           "StictionError", "Trajectory", "UnknownEngine", "corner_forces", "energies", "engine_names",
-           "equations_of_motion", "evaluate_law", "judge", "load_engine", "load_scene", "recover_columns",
+           "EquationsOfMotion", "Event", "InputError", "Job", "Judgement", "Outcome", "Refused", "Scene", "SceneError",
+           "StictionError", "Terms", "Trajectory", "UnknownEngine", "corner_forces", "energies", "engine_names",
+           "evaluate_law", "judge", "load_engine", "load_scene", "recover_columns",
            "run_isolated", "scene_from_dict", "scene_to_toml"]
 
 if (_checkout := Path(__file__).parent.parent).joinpath("pyproject.toml").is_file():
@@ -33,10 +34,11 @@ if (_checkout := Path(__file__).parent.parent).joinpath("pyproject.toml").is_fil
 
 _HOMES = {
     "comparisons.judgement": {"Judgement", "judge"},
-    "reference_impl.multibody.energies": {"energies"},
-    "reference_impl.multibody.equations": {"Equations", "corner_forces", "equations_of_motion"},
+    "reference_impl.energies": {"energies"},
+    "reference_impl.equations_of_motion": {"EquationsOfMotion", "Terms"},
     "reference_impl.multibody.reactions": {"recover_columns"},
-    "scenes": {"Breakdown", "Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory",
+    "reference_impl.multibody.trajectory_columns": {"corner_forces"},
+    "scenes": {"Breakdown", "Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Terms", "Trajectory",
                "load_scene", "scene_from_dict", "scene_to_toml"},
     "scenes.laws": {"evaluate_law"},
 }

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiction.comparisons.uncertain import Uncertain
-from stiction.reference_impl.multibody.energies import energy_columns
+from stiction.reference_impl.energies import energy_columns
 from stiction.scenes import Scene
 
 
@@ -36,12 +36,12 @@ def energy_balance(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray
     t : ndarray, shape (n,)
         Not decreasing; an instant that occurs twice has both sides of a jump, and both are kept.
     columns : Mapping[str, ndarray]
-        `stiction.reference_impl.multibody.energies.needed_columns`, each of shape (n,).
+        `stiction.reference_impl.energies.needed_columns`, each of shape (n,).
     """
     found = energy_columns(scene, t, columns)
     jumps = np.diff(t, prepend=-np.inf) == 0
     half = np.flatnonzero((np.arange(len(t)) % 2 == 0) | jumps | np.append(jumps[1:], True))
     coarse = energy_columns(scene, t[half], {name: values[half] for name, values in columns.items()})
     unsure = np.max(np.abs(found["balance"].to_numpy()[half] - coarse["balance"].to_numpy()))
-    return EnergyBalance(Uncertain(float(found["balance"].abs().max()), float(unsure)),
+    return EnergyBalance(Uncertain(float(np.max(np.abs(found["balance"].to_numpy()))), float(unsure)),
                          float(found["kinetic"].diff().abs().sum()))

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import Workspace, workspace
+from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
-from stiction.reference_impl.multibody.trajectory_columns import build_columns, corner_forces
+from stiction.reference_impl.multibody.trajectory_columns import build_columns, corner_columns
 from stiction.scenes import InputError, Scene
 
 _ROOM = 1_000_000
@@ -72,14 +72,14 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
                     for values in (np.where(told, friction, 0.0), told))
     at_once = max(1, _ROOM // max(1, len(m.inverse_mass) * force.shape[1]))
     for part in (slice(first, first + at_once) for first in range(0, len(t), at_once)):
-        columns_of_rows, free = row_matrices(m, t[part], q[part], v[part])
+        columns_of_rows, free = _rows(m, t[part], q[part], v[part])
         force[part] = _balanced(columns_of_rows, (a[part] - free) / m.inverse_mass, force[part], known[part], m.rows)
     columns = build_columns(mechanism, t, q, v, a, force)
     if reactions:
         columns.update(reactions)
         for name, guide in scene.guides.items():
             if guide.length is not None:
-                columns.update(corner_forces(name, guide, columns))
+                columns.update(corner_columns(name, guide, columns))
     return columns
 
 
@@ -107,13 +107,9 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown
     return found
 
 
-def row_matrices(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray,
-                 w: Workspace | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """J^T at each instant (n, 3 * bodies, rows + frictional), and M^-1 Q without joints (n, 3 * bodies).
-
-    The workspace `w` keeps the quantities of the last instant.
-    """
-    w = workspace(m) if w is None else w
+def _rows(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """J^T at each instant (n, 3 * bodies, rows + frictional), and M^-1 Q without joints (n, 3 * bodies)."""
+    w = workspace(m)
     J, free = np.empty((len(t), len(w.J))), np.empty(q.shape)
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])

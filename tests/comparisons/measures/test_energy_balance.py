@@ -5,7 +5,7 @@ import pytest
 
 from stiction.comparisons.measures.energy_balance import energy_balance
 from stiction.engines.reference.engine import ReferenceEngine
-from stiction.reference_impl.multibody.energies import needed_columns
+from stiction.reference_impl.energies import needed_columns
 from stiction.scenes import load_scene
 
 

@@ -7,9 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.laws import Constant, evaluate_law
@@ -92,7 +90,7 @@ def _coordinates(scene: Scene, t: np.ndarray, q: np.ndarray,
                  v: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return by name the coordinate on which each spring, load and friction acts, and its rate.
 
-    Each is that of a drive in the same place, whose constraint has its residual and the residual's rate.
+    Each is that of a drive in the same place: the residual of its constraint, and the residual's rate.
     """
     still = Constant(type="constant", value=_UNIT)
     drives = {}
@@ -106,13 +104,9 @@ def _coordinates(scene: Scene, t: np.ndarray, q: np.ndarray,
         drives[name] = Drive(type="distance", bodies=guide.bodies, points=(guide.slider_point, guide.point),
                              axis=guide.direction, law=still)
     others = {"joints": {}, "drives": drives, "springs": {}, "forces": {}}
-    mechanism = Mechanism(scene.model_copy(update=others), "none")
-    residuals, rates = np.empty((2, len(t), len(drives)))
-    w = workspace(mechanism.arrays)
-    for i in range(len(t)):
-        row_form(mechanism.arrays, w, t[i], q[i], v[i])
-        residuals[i], rates[i] = w.phi, w.phi_dot
-    return dict(zip(drives, (residuals + _UNIT).T)), dict(zip(drives, rates.T))
+    with np.errstate(divide="ignore", invalid="ignore"):  # points that coincide have no direction, nor a rate: NaN
+        terms = EquationsOfMotion(scene.model_copy(update=others)).at(t, q, v)
+    return dict(zip(drives, (terms.phi + _UNIT).T)), dict(zip(drives, terms.phi_dot.T))
 
 
 def _integral(t: np.ndarray, power: np.ndarray) -> np.ndarray:

@@ -23,6 +23,7 @@ from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.comparisons.measures.torque_jumps import SAMPLES, torque_table
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.truth import NO_TRUTH, Truth
+from stiction.comparisons.truth_folder import is_truth_folder, read_truth
 from stiction.comparisons.variants import Record, Variant
 from stiction.engines import coherence
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate
@@ -118,7 +119,8 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     Parameters
     ----------
     scene
-        A scene, the name of one of the catalogue, or a TOML file.
+        A scene, the name of one of the catalogue, a TOML file, or the folder of a scene in a data set of truths, whose
+        truth is then read and not solved.
     frame
         A CSV or Parquet file, a DataFrame, a mapping of arrays or a Trajectory: a time column ``t`` and one or more of
         the scene's columns.
@@ -136,20 +138,29 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     ResultError
         For a table that cannot be a result of the scene.
     """
-    loaded = scene if isinstance(scene, Scene) else load_scene(scene)
+    truth = None
+    if isinstance(scene, Scene):
+        loaded = scene
+    elif is_truth_folder(scene):
+        loaded, truth = read_truth(Path(scene))
+    else:
+        loaded = load_scene(scene)
     if t_end is not None:
+        if truth is not None and t_end > truth.t_end:
+            raise InputError(f"t_end: found {t_end:g} s; expected at most {truth.t_end:g} s, the end of the truth in "
+                             f"{scene}")
         loaded = vary(loaded, {"t_end": t_end})
     if isinstance(frame, (str, Path)):
         table = read_result(frame, loaded, mapping, units)
     else:
         given = frame.to_frame(events=True) if isinstance(frame, Trajectory) else frame
         table = result_table(given, loaded, mapping, units)
-    return judged(loaded, table, ground_truth(loaded))
+    return judged(loaded, table, truth or ground_truth(loaded))
 
 
 def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
     """Judge a table by a truth of the scene."""
-    table = _within(table, truth.t_end)
+    table = _within(table, min(scene.t_end, truth.t_end))
     trajectory = trajectory_of(scene, table, truth)
     derived = _derived(scene, trajectory)
     full = replace(trajectory, columns={**derived, **trajectory.columns})

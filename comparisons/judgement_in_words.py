@@ -101,12 +101,12 @@ def _stick_phases(judged: Judgement) -> Iterator[TracedText]:
     short = table[table["verdict"] == UNRESOLVED]
     if len(short):
         row, step = short["duration [s]"].idxmin(), judged.tables["summary"]
-        yield traced("{} of the stick phases are too short for the samples, which says nothing of the solver: the "
-                     "shortest takes {} ms, samples are {} ms apart.", count(name, table, verdict=UNRESOLVED),
+        yield traced("Stick phases too short for the samples, which say nothing of the solver: {}; the shortest takes "
+                     "{} ms, samples are {} ms apart.", count(name, table, verdict=UNRESOLVED),
                      scaled_value(name, table, row, "duration [s]"),
                      scaled_value("summary", step, 0, "sample distance [s]"))
     if (table["verdict"] == INVENTED).any():
-        yield traced("It rests {} times where the truth slips.", count(name, table, verdict=INVENTED))
+        yield traced("Rests where the truth slips: {}.", count(name, table, verdict=INVENTED))
 
 
 def _jumps(judged: Judgement) -> Iterator[TracedText]:
@@ -119,7 +119,7 @@ def _jumps(judged: Judgement) -> Iterator[TracedText]:
         yield traced("Jumps of {}: {} of {} read{}.", str(effort), count("jumps", table, effort=effort, resolved=True),
                      n, worst)
         if (~rows["readable"] & ~rows["resolved"].astype(bool)).any():
-            yield traced("{} of the others are too close to another event for the distance of samples.",
+            yield traced("Jumps of it too close to another event for the samples: {}.",
                          count("jumps", table, effort=effort, readable=False, resolved=False))
 
 

@@ -38,7 +38,7 @@ _HOMES = {
     "reference_impl.equations_of_motion": {"EquationsOfMotion", "Terms"},
     "reference_impl.multibody.reactions": {"recover_columns"},
     "reference_impl.multibody.trajectory_columns": {"corner_forces"},
-    "scenes": {"Breakdown", "Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Terms", "Trajectory",
+    "scenes": {"Breakdown", "Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory",
                "load_scene", "scene_from_dict", "scene_to_toml"},
     "scenes.laws": {"evaluate_law"},
 }

@@ -113,12 +113,17 @@ def scene_from_dict(raw: Mapping[str, Any], origin: str = "<scene>",
 
 def vary(scene: Scene, overrides: Mapping[str, Any]) -> Scene:
     """Return the scene with values replaced or, where they are None, removed; keys as in `load_scene`."""
-    return scene_from_dict(scene._raw, scene._origin, overrides, scene._name)
+    return scene_from_dict(tables_of(scene), scene._origin, overrides, scene._name)
+
+
+def tables_of(scene: Scene) -> dict[str, Any]:
+    """Return the scene as `scene_from_dict` takes it: as it was written, or of one made in Python its values."""
+    return scene._raw or scene.model_dump(mode="json", exclude_none=True)
 
 
 def scene_to_toml(scene: Scene) -> str:
     """The scene as the text of a file, parameters and arithmetic included; loading it gives an equal scene."""
-    return tomli_w.dumps(scene._raw)
+    return tomli_w.dumps(tables_of(scene))
 
 
 def _read(name_or_path: str, folder: Path, derived: tuple[Path, ...]) -> dict[str, Any]:

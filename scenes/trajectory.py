@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -162,7 +162,17 @@ class Trajectory:
         return (f"<Trajectory: {self.engine} {self.version} on {shortened(self.scene)}, {self.fidelity}, {until}"
                 f"{len(self.t)} rows, {len(self.columns)} columns, {len(self.events)} events{ended}>")
 
-    def __getitem__(self, column: str) -> np.ndarray:
+    @overload
+    def __getitem__(self, column: str) -> np.ndarray: ...
+
+    @overload
+    def __getitem__(self, column: list[str]) -> pd.DataFrame: ...
+
+    def __getitem__(self, column: str | list[str]) -> np.ndarray | pd.DataFrame:
+        if isinstance(column, list):
+            import pandas as pd
+
+            return pd.DataFrame({name: self[name] for name in column}, index=pd.Index(self.t, name="t"))
         if column == "t":
             return self.t
         try:
@@ -174,19 +184,46 @@ class Trajectory:
     def __contains__(self, column: str) -> bool:
         return column == "t" or column in self.columns
 
-    def plot(self, *columns: str) -> Picture:
+    def plot(self, *columns: str, beside: Iterable[Trajectory] = ()) -> Picture:
         """A figure with a panel for each column over time; without columns, for what such a mechanism is judged by.
 
-        It shows itself in Jupyter; ``plot().write("run.svg")`` makes a file (.svg, .pdf, .png).
+        It shows itself in Jupyter; ``plot().write("run.svg")`` makes a file (.svg, .pdf, .png). With other runs
+        `beside` this one each panel has a line for each of them.
 
         Raises
         ------
         KeyError
             For a column that is not there.
+        ValueError
+            For other runs without columns.
         """
-        from stiction.scenes.pictures.evolution import evolution
+        from stiction.scenes.pictures.evolution import evolution, overlay
 
-        return evolution(self, columns)
+        others = tuple(beside)
+        if not others:
+            return evolution(self, columns)
+        if not columns:
+            raise ValueError("columns: found none; expected those in which the runs are compared")
+        return overlay((self, *others), columns)
+
+    def save(self, file: str | Path) -> None:
+        """Write all of it to a Parquet file, which `load` reads; nothing is rounded."""
+        from stiction.scenes.trajectory_file import save_trajectory
+
+        save_trajectory(self, file)
+
+    @staticmethod
+    def load(file: str | Path) -> Trajectory:
+        """Read a file of `save`.
+
+        Raises
+        ------
+        InputError
+            For a file that is not there, or is none of `save`.
+        """
+        from stiction.scenes.trajectory_file import load_trajectory
+
+        return load_trajectory(file)
 
     def animate(self, file: str | Path) -> int:
         """Write a film of the mechanism with its corner forces; returns the number of frames.

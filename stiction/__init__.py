@@ -12,28 +12,43 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from stiction.comparisons.judgement import Judgement, judge
     from stiction.engines import (BadTrajectory, Capabilities, Engine, EngineFailure, EngineMissing, Job, Outcome,
                                   Refused, UnknownEngine, engine_names, load_engine, run_isolated)
+    from stiction.reference_impl.energies import energies
+    from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
     from stiction.reference_impl.multibody.reactions import recover_columns
+    from stiction.reference_impl.multibody.trajectory_columns import corner_forces
     from stiction.scenes import (Breakdown, Cost, Event, InputError, Scene, SceneError, StictionError, Trajectory,
-                                 load_scene)
+                                 load_scene, scene_from_dict, scene_to_toml)
+    from stiction.scenes.laws import evaluate_law
 
-__all__ = ["BadTrajectory", "Breakdown", "Capabilities", "Cost", "Engine", "EngineFailure", "EngineMissing", "Event",
-           "InputError", "Job", "Outcome", "Refused", "Scene", "SceneError", "StictionError", "Trajectory",
-           "UnknownEngine", "engine_names", "load_engine", "load_scene", "recover_columns", "run_isolated"]
+__all__ = ["BadTrajectory", "Breakdown", "Capabilities", "Cost", "Engine", "EngineFailure", "EngineMissing",
+           "EquationsOfMotion", "Event", "InputError", "Job", "Judgement", "Outcome", "Refused", "Scene", "SceneError",
+           "StictionError", "Terms", "Trajectory", "UnknownEngine", "corner_forces", "energies", "engine_names",
+           "evaluate_law", "judge", "load_engine", "load_scene", "recover_columns",
+           "run_isolated", "scene_from_dict", "scene_to_toml"]
 
 if (_checkout := Path(__file__).parent.parent).joinpath("pyproject.toml").is_file():
     __path__.append(str(_checkout))  # a checkout has the packages next to this one
 
-_OF_SCENES = {"Breakdown", "Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory",
-              "load_scene"}
+_HOMES = {
+    "comparisons.judgement": {"Judgement", "judge"},
+    "reference_impl.energies": {"energies"},
+    "reference_impl.equations_of_motion": {"EquationsOfMotion", "Terms"},
+    "reference_impl.multibody.reactions": {"recover_columns"},
+    "reference_impl.multibody.trajectory_columns": {"corner_forces"},
+    "scenes": {"Breakdown", "Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory",
+               "load_scene", "scene_from_dict", "scene_to_toml"},
+    "scenes.laws": {"evaluate_law"},
+}
+"""Modules of the public names; those that stand in none of them are of `stiction.engines`."""
 
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'stiction' has no attribute {name!r}")
-    home = ("reference_impl.multibody.reactions" if name == "recover_columns"
-            else "scenes" if name in _OF_SCENES else "engines")
+    home = next((module for module, names in _HOMES.items() if name in names), "engines")
     return getattr(import_module(f"stiction.{home}"), name)
 
 

@@ -32,7 +32,7 @@ class Scope:
     Attributes
     ----------
     scenes : tuple of Scene
-        The paper's cases in their order, or the one scene of `stiction compare`; studies of one scene take the first.
+        The paper's cases in their order, or those of `stiction compare`; studies of one scene take the first.
     engines : tuple of str or None
         External engines that take part; all known ones where None. The reference always does.
     t_end : float or None
@@ -96,7 +96,8 @@ class Study:
     takes_scene : bool
         Whether that command takes a scene.
     takes : frozenset of str
-        Fields and options of a `Scope` that `plan` makes use of; any other option of the command is refused.
+        Fields and options of a `Scope` that `plan` makes use of; any other option of the command is refused, and so
+        are several scenes without ``scenes``.
     """
 
     name: str

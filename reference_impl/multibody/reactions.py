@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
-from stiction.reference_impl.multibody.trajectory_columns import build_columns, corner_forces
+from stiction.reference_impl.multibody.trajectory_columns import build_columns, corner_columns
 from stiction.scenes import InputError, Scene
 
 _ROOM = 1_000_000
@@ -79,7 +79,7 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
         columns.update(reactions)
         for name, guide in scene.guides.items():
             if guide.length is not None:
-                columns.update(corner_forces(name, guide, columns))
+                columns.update(corner_columns(name, guide, columns))
     return columns
 
 

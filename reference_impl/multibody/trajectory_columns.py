@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from stiction.reference_impl.compiled.bundle import Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
@@ -13,7 +14,9 @@ from stiction.reference_impl.friction.coulomb import equal_mobilization, split_b
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
+from stiction.scenes import InputError
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.model import Translational
 
 CORNER_COLUMNS, GUIDE_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower",
                                  "friction_upper"), ("displacement", "slip_velocity")
@@ -52,7 +55,7 @@ def build_columns(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndar
     columns = {name: values.copy() for name, values in read.items() if names is None or name in names}
     for name, guide in mechanism.scene.guides.items():
         if guide.length is not None and _are_wanted(names, name, CORNER_COLUMNS):
-            columns.update(corner_forces(name, guide, read))
+            columns.update(corner_columns(name, guide, read))
     for k, name in enumerate([*mechanism.scene.joints, *mechanism.scene.drives]):
         if mechanism.arrays.constraint[k]["kind"] == TRANSLATIONAL and _are_wanted(names, name, GUIDE_COLUMNS):
             columns.update(zip((f"{name}.{label}" for label in GUIDE_COLUMNS), guide_motion(mechanism.arrays, k, q, v)))
@@ -81,7 +84,35 @@ def write_sample(w: Workspace, y: Reals, dy: Reals, slip: Integers, motion: Tabl
     copy(slip, slips)
 
 
-def corner_forces(name: str, guide, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def corner_forces(guide: Translational, normal_force: ArrayLike, moment: ArrayLike) -> np.ndarray:
+    """Split the normal forces of a slider between its four corners, by eqs. (1) and (2) of the paper.
+
+    Parameters
+    ----------
+    guide : Translational
+        With a `length`.
+    normal_force : array_like
+        Resultant on the slider along the guide's normal, N.
+    moment : array_like
+        Of the normal forces alone on the slider about its point, N m: without that of the surface frictions.
+
+    Returns
+    -------
+    ndarray, shape (4, ..)
+        F1 lower rear, F2 lower front, F3 upper front, F4 upper rear; N, none is negative.
+
+    Raises
+    ------
+    InputError
+        For a guide without a length.
+    """
+    if guide.length is None:
+        raise InputError("guide.length: found none; expected a guide with corners")
+    n1, n2 = split_between_corners.__wrapped__(np.asarray(normal_force, float), np.asarray(moment, float), guide.length)
+    return np.array([np.maximum(n, 0.0) for n in (n1, n2, -n2, -n1)])
+
+
+def corner_columns(name: str, guide: Translational, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """F1..F4 and the surface frictions of a guide from R, T, friction and, if known, the mode."""
     R, T = columns[f"{name}.normal_force"], columns[f"{name}.moment"]
     a, b = guide.length, guide.width or 0.0
@@ -93,9 +124,7 @@ def corner_forces(name: str, guide, columns: dict[str, np.ndarray]) -> dict[str,
             kappa = np.where(mode != 0, -guide.mu * mode, kappa)
         kappa = np.where(np.isnan(columns[f"{name}.friction"]), np.nan, kappa)
     N = T - 0.5 * b * kappa * R if b else T  # without a width an unknown friction leaves the corner forces known
-    n1, n2 = split_between_corners.__wrapped__(R, N, a)
-    corners = {f"{name}.F1": np.maximum(n1, 0.0), f"{name}.F2": np.maximum(n2, 0.0),
-               f"{name}.F3": np.maximum(-n2, 0.0), f"{name}.F4": np.maximum(-n1, 0.0)}
+    corners = {f"{name}.F{number}": force for number, force in enumerate(corner_forces(guide, R, N), 1)}
     if guide.frictional:
         corners[f"{name}.friction_lower"] = kappa * (corners[f"{name}.F1"] + corners[f"{name}.F2"])
         corners[f"{name}.friction_upper"] = kappa * (corners[f"{name}.F3"] + corners[f"{name}.F4"])

@@ -53,6 +53,32 @@ def evolution(trajectory: Trajectory, columns: Sequence[str] = ()) -> Picture:
     return picture
 
 
+def overlay(runs: Sequence[Trajectory], columns: Sequence[str]) -> Picture:
+    """A panel for each of `columns` with a line for each run, named by engine, fidelity and what sets its accuracy.
+
+    Raises
+    ------
+    KeyError
+        For a column that a run does not have.
+    """
+    frames = [run.to_frame(events=True) for run in runs]
+    labels = [" ".join([run.engine, run.fidelity, *(f"{key} = {run.settings[key]:g}" for key in ("dt", "rtol")
+                                                    if isinstance(run.settings.get(key), float))]) for run in runs]
+    with rc():
+        picture = Picture(0.6 + 1.25 * len(columns))
+        axes = picture.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]
+        for ax, name in zip(axes, columns):
+            for number, (run, frame, label) in enumerate(zip(runs, frames, labels)):
+                run[name]
+                ax.plot(frame["t"].to_numpy(), frame[name].to_numpy(), color=CYCLE[number % len(CYCLE)], linewidth=1.0,
+                        label=label, linestyle=_DASHES[number // len(CYCLE) % len(_DASHES)])
+            ax.set_ylabel(f"{name} [{unit_of(name, runs[0].mechanism)}]")
+            ax.margins(x=0)
+        axes[-1].set_xlabel("$t$ [s]")
+        axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+    return picture
+
+
 def _usual(trajectory: Trajectory) -> list[tuple[list[str], str]]:
     guides = any(name.endswith(".displacement") for name in trajectory.columns)
     efforts = [name for name in trajectory.columns if name.endswith(".effort")]

@@ -1,7 +1,8 @@
-"""``compare``: a command for each study, on one scene; tables with one row per method or run, failures among them."""
+"""``compare``: a command for each study, on one scene or several; a row per method or run, failures among them."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from stiction.cli.exit_codes import FAILED, Commands, ended
-from stiction.cli.options import (Assemble, EndTime, Engines, ExecutorName, Overrides, Quick, SceneName, TableFile,
+from stiction.cli.options import (Assemble, EndTime, Engines, ExecutorName, Overrides, Quick, SceneNames, TableFile,
                                   Timeout, Workers, check_written, count, distinct, scene_of)
 from stiction.cli.render import or_shown, progress, show, show_truths, write_table
+from stiction.scenes.wording import names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,7 +31,7 @@ Drive = Annotated[str | None, typer.Option(
     metavar="NAME", help="The drive whose effort is compared; the scene's first if not given.")]
 Problems = Annotated[Path | None, typer.Option(
     metavar="FILE", help="Write the complementarity problems that the reference met, for `stiction replay`: .parquet.")]
-HELP = "Answer one question on one scene, for the engines and the reference."
+HELP = "Answer one question on a scene, for the engines and the reference."
 
 
 class StudyCommands(Commands):
@@ -62,7 +64,7 @@ def _compared() -> dict[str, Study]:
 
 
 def _command(study: Study) -> Callable[..., None]:
-    def compare(scene: SceneName = "", engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None,
+    def compare(scenes: SceneNames = [], engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None,
                 quick: Quick = False, repeats: Repeats = None, drive: Drive = None, workers: Workers = None,
                 timeout: Timeout = 240, assemble: Assemble = False, executor: ExecutorName = "processes",
                 out: TableFile = None, plot: Plot = None, problems: Problems = None) -> None:
@@ -80,25 +82,31 @@ def _command(study: Study) -> Callable[..., None]:
             if path is not None:
                 check_written(path, endings, option)
             distinct(option, path, out)
-        subject = _subject(study, scene, overrides, assemble)
+        subject = _subject(study, scenes, overrides, assemble)
         scope = Scope(subject, Depth.QUICK if quick else Depth.FULL, **given, options=options)
         _show(study, _made(study, scope, workers, timeout, executor), out, plot, problems)
 
     return compare
 
 
-def _subject(study: Study, scene: str, overrides: Sequence[str], assemble: bool) -> tuple[Scene, ...]:
+def _subject(study: Study, scenes: Sequence[str], overrides: Sequence[str], assemble: bool) -> tuple[Scene, ...]:
     from stiction.reference_impl.multibody.initial_state import with_consistent_start
 
-    if study.takes_scene and not scene:
+    if study.takes_scene and not scenes:
         raise typer.BadParameter("found nothing; expected a scene of the catalogue (see `stiction scenes`) or a TOML "
                                  "file", param_hint="SCENE")
     if not study.takes_scene:
-        for found, hint in ((scene, "SCENE"), (overrides or assemble, "--set, --assemble")):
+        for found, hint in ((" ".join(scenes), "SCENE"), (overrides or assemble, "--set, --assemble")):
             if found:
                 raise typer.BadParameter(f"found {found!r}; `compare {study.name}` has scenes of its own",
                                          param_hint=hint)
-    return (with_consistent_start(scene_of(scene, overrides), assemble),) if scene else ()
+    if len(scenes) > 1 and "scenes" not in study.takes:
+        raise typer.BadParameter(f"found {' '.join(scenes)}; `compare {study.name}` takes one", param_hint="SCENE")
+    found = tuple(with_consistent_start(scene_of(scene, overrides), assemble) for scene in scenes)
+    if twice := [name for name, count in Counter(scene.name for scene in found).items() if count > 1]:
+        raise typer.BadParameter(f"found {names(twice)} more than once; expected scenes of different names",
+                                 param_hint="SCENE")
+    return found
 
 
 def _made(study: Study, scope: Scope, workers: int | None, timeout: float, executor: str) -> Results:
@@ -107,7 +115,7 @@ def _made(study: Study, scope: Scope, workers: int | None, timeout: float, execu
     from stiction.comparisons.campaigns.validation import planned, union
     from stiction.engines import isolate
 
-    about = scope.scenes[0].name if scope.scenes else study.title
+    about = names([scene.name for scene in scope.scenes]) if scope.scenes else study.title
     with open_isolate(executor, workers) as isolated, progress(f"compare {study.name} on {about}") as bar:
         options = {"workers": workers, "timeout_s": timeout, "isolated": isolated}
         comparison = planned(scope, [study], **options)[study]

@@ -139,6 +139,9 @@ def _scene_names(begun: str) -> list[str]:
 
 SceneName = Annotated[str, typer.Argument(
     metavar="SCENE", autocompletion=_scene_names, help="Name of the catalogue (see `stiction scenes`) or a TOML file.")]
+SceneNames = Annotated[list[str], typer.Argument(
+    metavar="SCENE", autocompletion=_scene_names, help="Names of the catalogue (see `stiction scenes`) or TOML files; "
+    "several where the study compares them.")]
 Overrides = Annotated[list[str], typer.Option(
     "--set", metavar="KEY=VALUE", help="Replace a value of the scene: F0=4, motor.rate=pi/2, guide.mu=0.1, "
     "bar.position.0=1, gravity=[0,-1.62]; without a value, remove it. Repeatable.")]

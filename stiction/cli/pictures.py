@@ -61,16 +61,21 @@ def draw(scene: SceneName,
 
 @commands.command()
 def schema(out: Annotated[Path | None, typer.Option(
-        "--out", metavar="FILE", help="Write it to a file: .json.")] = None) -> None:
-    """Print the JSON schema of the scene format, for editors."""
+        "--out", metavar="FILE", help="Write it to a file: .json.")] = None,
+           resolved: Annotated[bool, typer.Option(
+        "--resolved", help="That of the JSON which programs read: numbers evaluated, every key there.")] = False
+           ) -> None:
+    """Print the JSON schema of the scene format, for editors, or of resolved scenes, for programs."""
     from stiction.comparisons.atomic_files import write_text
+    from stiction.scenes.resolved import resolved_schema_text
     from stiction.scenes.schema import scene_schema_text
 
+    text = resolved_schema_text() if resolved else scene_schema_text()
     if out is None:
-        print(scene_schema_text(), end="")
+        print(text, end="")
     else:
         check_written(out, (".json",), "--out")
-        write_text(out, scene_schema_text())
+        write_text(out, text)
         print(out)
 
 

@@ -1,0 +1,108 @@
+"""Resolved scenes: what programs in other languages read, as JSON.
+
+Numbers instead of arithmetic, every key there, laws as data, SI units. What a scene leaves out has its value: no
+gravity is ``[0, 0]``, ``mus`` is ``mu``, the width of a guide with a length is 0. null is what the scene does not
+declare: friction (``mu``, ``mus``), corner forces (``length``, ``width``), an ``axis``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from stiction.scenes.errors import Problem, SceneError
+from stiction.scenes.loading import scene_from_dict
+from stiction.scenes.model import Scene, Translational
+from stiction.scenes.wording import shown
+
+FORMAT = "stiction resolved scene"
+VERSION = 1
+"""Raised where a program written for the version before would read a scene wrongly, or refuse it."""
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def resolved_scene(scene: Scene) -> dict[str, Any]:
+    """Return a scene as programs read it: `FORMAT`, `VERSION`, its name, and its elements without arithmetic.
+
+    `load_resolved` makes a scene of it again that moves by the same equations.
+    """
+    tables = scene.model_dump(mode="json", exclude={"parameters"})
+    tables["gravity"] = tables["gravity"] or [0.0, 0.0]
+    for name, guide in scene.guides.items():
+        tables["joints"][name] |= _guide_values(guide)
+    return {"format": FORMAT, "version": VERSION, "name": scene.name, "scene": tables}
+
+
+def resolved_text(scene: Scene) -> str:
+    """`resolved_scene` as the text of a file; numbers in as many digits as give them back exactly."""
+    return json.dumps(resolved_scene(scene), indent=1, allow_nan=False) + "\n"
+
+
+def load_resolved(text: str, origin: str = "<resolved scene>") -> Scene:
+    """Make a scene of the text of its resolved form.
+
+    Raises
+    ------
+    SceneError
+        For text that is not JSON, of another format or of another version, and as `scene_from_dict`.
+    """
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise SceneError(origin, [Problem("file", str(error), "expected JSON")]) from None
+    header = found if isinstance(found, dict) else {}
+    expected = {"format": FORMAT, "version": VERSION}
+    wrong = [Problem(key, shown(header.get(key)), f"expected {shown(value)}")
+             for key, value in expected.items() if header.get(key) != value]
+    wrong += [Problem(key, shown(header.get(key)), f"expected {words}")
+              for key, kind, words in (("name", str, "text"), ("scene", dict, "a table"))
+              if not isinstance(header.get(key), kind)]
+    if wrong:
+        raise SceneError(origin, wrong)
+    return scene_from_dict(header["scene"], origin, name=header["name"])
+
+
+def resolved_schema() -> dict[str, Any]:
+    """Return the JSON schema (draft 2020-12) of `resolved_scene`; every key is there, no number is arithmetic."""
+    scene = _numbers_only(Scene.model_json_schema(mode="serialization"))
+    definitions = scene.pop("$defs")
+    del scene["properties"]["parameters"]
+    scene["required"] = list(scene["properties"])
+    header = {"format": {"const": FORMAT}, "version": {"const": VERSION},
+              "name": {"type": "string", "description": "Of the scene's file, without its ending"}, "scene": scene}
+    return {"$schema": DIALECT, "title": f"{FORMAT}, version {VERSION}", "type": "object", "properties": header,
+            "required": list(header), "additionalProperties": False, "$defs": definitions}
+
+
+def resolved_schema_text() -> str:
+    """`resolved_schema` as the text of a file."""
+    return json.dumps(resolved_schema(), indent=1) + "\n"
+
+
+def _guide_values(guide: Translational) -> dict[str, float]:
+    """Static coefficient and width that are in force where a guide leaves them out."""
+    values = {"mus": guide.static_coefficient} if guide.frictional else {}
+    return values | ({"width": guide.width or 0.0} if guide.length is not None else {})
+
+
+def _numbers_only(schema: Any) -> Any:
+    """Take arithmetic, defaults and pydantic's own keys out of a schema; all properties of a table are required."""
+    if isinstance(schema, list):
+        return [_numbers_only(entry) for entry in schema]
+    if not isinstance(schema, Mapping):
+        return schema
+    dropped = {"discriminator", "default", *(["title"] if isinstance(schema.get("title"), str) else [])}
+    made = {key: _numbers_only(value) for key, value in schema.items() if key not in dropped}
+    kinds = made.get("anyOf", [])
+    if any(kind.get("type") == "number" for kind in kinds):
+        kinds = [kind for kind in kinds if kind != {"type": "string"}]
+        del made["anyOf"]
+        made |= kinds[0] if len(kinds) == 1 else {"anyOf": kinds}
+    if "prefixItems" in made:
+        made["items"] = False
+    if "patternProperties" in made:
+        made["additionalProperties"] = False
+    if "properties" in made:
+        made["required"] = list(made["properties"])
+    return made

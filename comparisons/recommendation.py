@@ -49,11 +49,11 @@ def recommendation(results: Results) -> list[TracedText]:
     if POSITION not in table:
         return []
     found = made_methods(table, methods(results), POSITION)
-    ranked = {variant: method.worst for variant, method in found.items() if method.is_ranked}
+    ranked = {variant: method.worst_row for variant, method in found.items() if method.is_ranked}
     if "reference" not in ranked:
         return []
 
-    def error(row: int) -> TracedText:
+    def error(row: int) -> Number:
         return value("accuracy", table, row, POSITION)
 
     answers = [traced("The reference is right to {} m in its worst case{}.", error(ranked["reference"]),

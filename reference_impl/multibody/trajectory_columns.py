@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from inspect import unwrap
 
 import numpy as np
 
@@ -93,7 +94,7 @@ def corner_forces(name: str, guide, columns: dict[str, np.ndarray]) -> dict[str,
             kappa = np.where(mode != 0, -guide.mu * mode, kappa)
         kappa = np.where(np.isnan(columns[f"{name}.friction"]), np.nan, kappa)
     N = T - 0.5 * b * kappa * R if b else T  # without a width an unknown friction leaves the corner forces known
-    n1, n2 = split_between_corners.__wrapped__(R, N, a)
+    n1, n2 = unwrap(split_between_corners)(R, N, a)
     corners = {f"{name}.F1": np.maximum(n1, 0.0), f"{name}.F2": np.maximum(n2, 0.0),
                f"{name}.F3": np.maximum(-n2, 0.0), f"{name}.F4": np.maximum(-n1, 0.0)}
     if guide.frictional:

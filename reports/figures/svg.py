@@ -35,17 +35,19 @@ def lean(svg: str) -> str:
             element.set("class", styles.setdefault(style, f"c{len(styles)}"))
         if name := names.get(element.attrib.pop("id", "")):
             element.set("id", name)
-        for key in element.attrib.keys() - {"class", "id"}:
-            element.set(key, (_path if key == "d" else _rounded)(element.get(key)))
+        for key, text in list(element.items()):
+            if key not in ("class", "id"):
+                element.set(key, (_path if key == "d" else _rounded)(text))
     rules = [f"text{{font-family: {FAMILY}, sans-serif}}", *(f".{name}{{{style}}}" for style, name in styles.items())]
-    root.find(f"{SVG}defs/{SVG}style").text += "".join(rules)
+    if (style_sheet := root.find(f"{SVG}defs/{SVG}style")) is not None:
+        style_sheet.text = f"{style_sheet.text or ''}{''.join(rules)}"
     return re.sub(r'="([^"\']*)"', r"='\1'", ElementTree.tostring(root, encoding="unicode"))
 
 
 def _drop(root: ElementTree.Element) -> None:
     """Remove metadata, turns by nothing, blanks between elements, and groups that have no effect."""
     for parent in list(root.iter()):
-        children = []
+        children: list[ElementTree.Element] = []
         for child in parent:
             if re.match("rotate\\(-?0 ", child.get("transform", "")):
                 child.attrib.pop("transform")

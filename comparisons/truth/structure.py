@@ -85,7 +85,9 @@ class Match:
         return next(iter(self.elements[label].values()), None)
 
     def name(self, label: str) -> str:
-        """Return the name of the element of a part that the scene has."""
+        """Return the name of the element of a part; raises KeyError where the scene has none."""
+        if not self.elements[label]:
+            raise KeyError(f"{label}: found none; expected an element of the scene")
         return next(iter(self.elements[label]))
 
 

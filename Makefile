@@ -34,10 +34,12 @@ bench: $(SET_UP)
 bench-engines: $(SET_UP)
 	$(BIN)/python -m stiction.comparisons.timing.benchmark engines
 
-# Rules of the code's form, in pyproject.toml; a few seconds. `ruff check --fix` and `isort .` mend most of what they find.
+# Rules of the code's form, types and imports, in pyproject.toml; half a minute, a few seconds after the first time.
+# `ruff check --fix` and `isort .` mend most of what they find.
 lint: $(SET_UP)
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m isort --check-only --quiet .
+	PATH="$(CURDIR)/$(BIN):$$PATH" .ci/types
 
 # On all cores, each worker with the kernels loaded, 0.6 GB. Bytecode is kept whatever the environment says: some hundred processes read it.
 test: export PYTHONDONTWRITEBYTECODE =

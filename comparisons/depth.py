@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from stiction.comparisons.variants import PARAMETERS
+from stiction.comparisons.variants import Parameter
 from stiction.scenes.fields import Model, Positive
 
 
@@ -24,7 +24,7 @@ class Depth(StrEnum):
         return list(Depth).index(self) >= list(Depth).index(other)
 
 
-Finest = dict[Literal[PARAMETERS], Positive]
+Finest = dict[Parameter, Positive]
 """Finest value of a refinement series by parameter; all values where a parameter is not named."""
 
 

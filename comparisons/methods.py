@@ -201,6 +201,19 @@ class Method:
         return None if errors.empty else int(errors.abs().idxmax())
 
     @property
+    def worst_row(self) -> int:
+        """The same of a method with a run that succeeded.
+
+        Raises
+        ------
+        ValueError
+            If all runs failed.
+        """
+        if self.worst is None:
+            raise ValueError(f"{self.variant}: found no run that succeeded; expected one")
+        return self.worst
+
+    @property
     def is_ranked(self) -> bool:
         """True if every run succeeded, so that its worst case is that of all cases."""
         return self.worst is not None and self.failed.empty

@@ -57,9 +57,12 @@ def _numbers(scene: str, engine: str, folder: Path, *, dt: float | None = None, 
     from stiction.engines.reference.engine import compile_kernels
     from stiction.scenes import InputError, catalogue, load_scene
 
-    if (dt is None) == (rtol is None):
+    if dt is not None and rtol is None:
+        parameter, step = "dt", dt
+    elif rtol is not None and dt is None:
+        parameter, step = "rtol", rtol
+    else:
         raise InputError(f"dt, rtol: found {dt}, {rtol}; expected one of them: a fixed step in seconds or a tolerance")
-    parameter, step = ("dt", dt) if rtol is None else ("rtol", rtol)
     loaded = load_scene(scene if scene in catalogue() else folder / scene, overrides)
     run = PlannedRun(loaded, Variant(engine, engine, parameter, (step,), fidelity, settings), step)
     compile_kernels()  # here, lest the child does it within its time limit

@@ -49,7 +49,7 @@ def recommendation(results: Results) -> list[TracedText]:
     if POSITION not in table:
         return []
     found = made_methods(table, methods(results), POSITION)
-    ranked = {variant: method.worst for variant, method in found.items() if method.is_ranked}
+    ranked = {variant: method.worst_row for variant, method in found.items() if method.is_ranked}
     if "reference" not in ranked:
         return []
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import pandas as pd
 
@@ -41,7 +42,7 @@ class Results:
     records: tuple[Record, ...]
     truths: Mapping[str, Truth]
     tables: Mapping[str, pd.DataFrame]
-    settings: Mapping[str, object] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
     wall_s: float = 0.0
     cpu_s: float = 0.0
     timed: tuple[Record, ...] = ()

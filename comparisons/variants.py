@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal, get_args
 
 from stiction.engines.isolation import Job, Outcome
 from stiction.engines.protocol import EVENTS_LOCATED_BY
@@ -15,7 +15,8 @@ from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.laws import Linear, Sine
 from stiction.scenes.model import LinearSpring
 
-PARAMETERS = ("dt", "rtol", "iterations")
+Parameter = Literal["dt", "rtol", "iterations"]
+PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
 """Parameters that are refined: a step (s), a relative tolerance, the iterations by which an engine solves a step."""
 
 OWN_CPU = "engine cpu [s]"
@@ -87,6 +88,19 @@ class Record:
     @property
     def trajectory(self) -> Trajectory | None:
         return self.outcome.value
+
+    @property
+    def run(self) -> Trajectory:
+        """The trajectory of a run that succeeded.
+
+        Raises
+        ------
+        ValueError
+            If it did not.
+        """
+        if self.trajectory is None:
+            raise ValueError(f"{self.key}: found a run that is {self.outcome.status}; expected one that succeeded")
+        return self.trajectory
 
     def describe(self) -> dict[str, Any]:
         """Return the columns that every table begins with."""

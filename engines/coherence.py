@@ -233,8 +233,8 @@ def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator
     t, values = run.found.t, run.found[column]
     times = np.array([event.time for event in own])
     mode = np.array([own[0].before[column], *(event.after[column] for event in own)])
-    earliest, latest = (np.searchsorted(times, t + sign * ROUNDING * t[-1], side)
-                        for sign, side in ((-1, "left"), (1, "right")))
+    earliest = np.searchsorted(times, t - ROUNDING * t[-1], "left")
+    latest = np.searchsorted(times, t + ROUNDING * t[-1], "right")
     for i in np.flatnonzero((values != mode[earliest]) & (values != mode[latest])):
         if values[i] not in mode[earliest[i]:latest[i] + 1]:
             yield f"{column} = {values[i]:g} at t = {t[i]:.9g} s; expected {mode[latest[i]]:g}, that between its events"
@@ -295,19 +295,20 @@ def cone(run: Examined) -> Iterator[str]:
     allowed = _baumgarte_force(run) + max(SAME, 10.0 * float(settings.get("rtol") or 0.0)) * force
     begins = 0.0 if located else FIRST_STEPS * float(settings.get("dt", 0.0))
     if not located:
-        allowed += CAP * max(max(guide.mu, guide.static_coefficient) * _largest(loads[name])
+        allowed += CAP * max(max(guide.kinetic_coefficient, guide.static_coefficient) * _largest(loads[name])
                              for name, guide in guides.items())
     for name, guide in guides.items():
         friction = found[f"{name}.friction"].astype(float)
         mode = found.columns.get(f"{name}.mode", np.zeros(len(found.t)))
         if located:
             slips = mode != 0
-            bound = np.where(slips, guide.mu, guide.static_coefficient) * loads[name]
+            bound = np.where(slips, guide.kinetic_coefficient, guide.static_coefficient) * loads[name]
             excess = np.where(slips, np.abs(friction + mode * bound), np.abs(friction) - bound)
         else:
             speed = found[f"{name}.slip_velocity"]
             slips = (mode != 0) & (np.abs(speed) > _nearby_change(speed))
-            bound = np.where(slips, guide.mu, max(guide.mu, guide.static_coefficient)) * loads[name]
+            largest = max(guide.kinetic_coefficient, guide.static_coefficient)
+            bound = np.where(slips, guide.kinetic_coefficient, largest) * loads[name]
             bound += _nearby_change(bound)
             excess = np.abs(friction) - bound
         if (i := first((excess > allowed) & (found.t >= begins))) is not None:

@@ -52,7 +52,7 @@ class Examined:
     @property
     def step(self) -> float:
         """Step size by which the run may end before or after `t_end`, s."""
-        own = self.found.settings.get("dt")
+        own: Any = self.found.settings.get("dt")
         if self.dt is not None:
             return self.dt
         return own if is_number(own) and 0 < own <= OWN_STEP * self.t_end * (1 + ROUNDING) else 0.0

@@ -144,13 +144,14 @@ def _left_open(run: Examined) -> dict[str, np.ndarray]:
     """Instants by column at which its force is nan, and the motion and the known frictions leave it open."""
     from stiction.reference_impl.multibody.reactions import recover_columns
 
-    found, left_open = run.found, {}
+    found, left_open = run.found, dict[str, np.ndarray]()
     for part in run.parts:
         motion = [stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS]
         frictions = {f"{name}.friction": found[f"{name}.friction"] for name in part.guide_names}
         if any(np.isinf(values).any() for values in frictions.values()) or not np.isfinite(motion).all():
             continue
-        recovered = recover_columns(part.scene, found.t, *motion, frictions)
+        q, v, a = motion
+        recovered = recover_columns(part.scene, found.t, q, v, a, frictions)
         left_open |= {name: np.isnan(values) & np.isnan(found[name]) for name, values in recovered.items()}
     return left_open
 

@@ -8,6 +8,7 @@ than most runs; one that dies is replaced.
 
 from __future__ import annotations
 
+import io
 import logging
 import math
 import multiprocessing
@@ -47,7 +48,7 @@ class Task:
 
     label: str
     function: Callable[..., Any]
-    args: tuple = ()
+    args: tuple[Any, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -326,7 +327,8 @@ def _serve(connection: Connection, log: str) -> None:
     descriptor = os.open(log, os.O_WRONLY | os.O_APPEND)
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
-    sys.stdout.reconfigure(line_buffering=True)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)
     notes = logging.getLogger("stiction")
     notes.setLevel(logging.INFO)
     notes.addHandler(_Notes(connection))
@@ -351,13 +353,14 @@ class _Notes(logging.Handler):
 
 
 def _leave_with_parent() -> None:
-    multiprocessing.parent_process().join()
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
     os._exit(1)
 
 
 def _answer(call: bytes) -> bytes:
     """Make the call: fields of an outcome, and separately the pickled value."""
-    fields = {"status": "ok", "reason": ""}
+    fields: dict[str, Any] = {"status": "ok", "reason": ""}
     value = None
     wall, cpu = time.perf_counter(), time.process_time()
     try:

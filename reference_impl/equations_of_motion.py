@@ -17,7 +17,7 @@ import numpy as np
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Law, evaluate_law
-from stiction.scenes.model import Drive, Force, LinearSpring, Revolute
+from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, TorsionalSpring
 
 
 @dataclass(frozen=True)
@@ -243,9 +243,9 @@ class _Motion:
         impossible = (law.value <= 0.0) & (drive.type == "distance" and drive.axis is None)
         return replace(row, gamma=np.where(impossible, np.nan, row.gamma))
 
-    def coordinate(self, element: Drive | LinearSpring) -> Moving:
+    def coordinate(self, element: Drive | LinearSpring | TorsionalSpring) -> Moving:
         """The coordinate of a drive or spring: an angle, the part of a distance along an axis, or a distance."""
-        if element.type in ("angle", "torsional"):
+        if isinstance(element, TorsionalSpring) or element.type == "angle":
             return self.angle(element.bodies[0]) - self.angle(element.bodies[1])
         d = self.between(element.bodies, element.points)
         return d.norm() if element.axis is None else self.direction(element.bodies[1], element.axis).dot(d)

@@ -29,9 +29,9 @@ Where the paper is silent the choices are those of `paper_scheme`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -244,10 +244,11 @@ class Paper:
             for step in range(steps + 1):
                 t, rest = step * dt, dt
                 for part in range(PARTS):
-                    mode, found = self.decide(t, *np.split(y, 2), mode)
+                    q, v = np.split(y, 2)
+                    mode, found = self.decide(t, q, v, mode)
                     row = _row(t, y, mode, found)
                     if old is not None and np.any(changed := mode != old):
-                        left = _row(t, y, old, self.solve(t, *np.split(y, 2), old))
+                        left = _row(t, y, old, self.solve(t, q, v, old))
                         for g in np.flatnonzero(changed):
                             events.append((t, "slip" if old[g] == 0 else "stick" if mode[g] == 0 else "reversal",
                                            int(g)))
@@ -270,10 +271,12 @@ class Paper:
         k, n = len(q), len(mode)
         widths = ((), (k,), (k,), (k,), (len(self.equations.rows) + n,), (n,))
 
-        def columns(rows: list[tuple[np.ndarray, ...]]) -> Iterator[np.ndarray]:
-            return (np.reshape([row[i] for row in rows], (len(rows), *width)) for i, width in enumerate(widths))
+        def columns(rows: list[tuple[np.ndarray, ...]]) -> dict[str, Any]:
+            return {name: np.reshape([row[i] for row in rows], (len(rows), *width))
+                    for i, (name, width) in enumerate(zip(March._fields, widths))}
 
-        return March(*columns(rows), tuple(events), breakdown, March(*columns(sides), (), None) if events else None)
+        return March(**columns(rows), events=tuple(events), breakdown=breakdown,
+                     sides=March(**columns(sides), events=(), breakdown=None) if events else None)
 
     def _length(self, t: float, y: np.ndarray, h: float, mode: np.ndarray) -> tuple[float, int]:
         """Length of a step of at most h, and the slider that comes to rest at its end; -1 if none does."""

@@ -40,7 +40,7 @@ class FileError(InputError):
         lines = [title, *(f"  {problem}" for problem in self.problems[:_SHOWN])]
         super().__init__("\n".join(lines + [f"  ... and {count - _SHOWN} more"] * (count > _SHOWN)))
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.origin, self.problems)
 
 
@@ -73,7 +73,7 @@ def _variants_at(place: Sequence[str | int]) -> Mapping[str, type[BaseModel]]:
         return {"": Scene}
     if len(place) > 3 and place[-2] == "law":  # deeper than an element that is named law
         return LAWS
-    return STABILIZATIONS if place[0] == "stabilization" else ELEMENTS[place[0]]
+    return STABILIZATIONS if place[0] == "stabilization" else ELEMENTS[str(place[0])]
 
 
 def _unknown(location: Sequence[str | int], key: str) -> str:
@@ -82,7 +82,7 @@ def _unknown(location: Sequence[str | int], key: str) -> str:
     variants = _variants_at(place)
     if last in Scene.model_fields:
         return "unknown key: it belongs at the top of the file, above the first [table]"
-    known = (variants.get("") or variants[place[-1]]).model_fields
+    known = (variants.get("") or variants[str(place[-1])]).model_fields
     hint = did_you_mean(last, known) or f"; expected one of: {names(known)}"
     if owners := [tag for tag, model in variants.items() if tag and last in model.model_fields]:
         # a tag was changed, what belongs to the old one was not

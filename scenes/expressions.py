@@ -10,7 +10,7 @@ import ast
 import math
 import operator
 import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import lru_cache
 
 from stiction.scenes.base_errors import InputError
@@ -24,7 +24,7 @@ MAX_LENGTH = 500
 """Characters of one expression."""
 _BINARY = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
            ast.Div: operator.truediv, ast.Pow: math.pow}
-_UNARY = {ast.UAdd: operator.pos, ast.USub: operator.neg}
+_UNARY: dict[type[ast.unaryop], Callable[[float], float]] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
 
 
 def evaluate(value: float | int | str, names: Mapping[str, float]) -> float:
@@ -72,7 +72,7 @@ def _parsed(text: str) -> ast.expr:
 
 def _evaluate(node: ast.expr, names: Mapping[str, float]) -> float:
     """Value of a syntax tree, whose depth MAX_LENGTH keeps below Python's limit of recursion."""
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
         return float(node.value)
     if isinstance(node, ast.Name):
         if node.id in names:

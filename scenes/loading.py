@@ -94,20 +94,23 @@ def load_scene(name_or_path: str | Path, overrides: Mapping[str, Any] | None = N
 def scene_from_dict(raw: Mapping[str, Any], origin: str = "<scene>",
                     overrides: Mapping[str, Any] | None = None, name: str | None = None) -> Scene:
     """Make a scene from nested dictionaries, as a TOML file would give them; see `load_scene`. None means absent."""
-    raw = _plain(raw, origin)
-    _apply(raw, overrides or {}, origin)
-    parameters, problems, invalid, tables = {}, [], iter(()), raw
-    if isinstance(raw.get("parameters"), dict):
-        parameters, problems = _parameters(raw["parameters"])
-        tables = raw | {"parameters": parameters}
+    plain: dict[str, Any] = _plain(raw, origin)
+    _apply(plain, overrides or {}, origin)
+    parameters: dict[str, float] = {}
+    problems: list[Problem] = []
+    invalid: Iterator[Problem] = iter(())
+    tables = plain
+    if isinstance(plain.get("parameters"), dict):
+        parameters, problems = _parameters(plain["parameters"])
+        tables = plain | {"parameters": parameters}
     try:
         scene = Scene.model_validate(tables, context=parameters)
     except ValidationError as error:
         invalid = problems_of(error)
-    wrong = chain(problems, invalid, _reference_problems(raw))
+    wrong = chain(problems, invalid, _reference_problems(plain))
     if (first := next(wrong, None)) is not None:
         raise SceneError(origin, chain([first], wrong))
-    scene._raw, scene._origin, scene._name = raw, origin, name or origin
+    scene._raw, scene._origin, scene._name = plain, origin, name or origin
     return scene
 
 
@@ -254,7 +257,8 @@ def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
             seen.setdefault(name, key)
             if not isinstance(element, dict):
                 continue
-            pair = element.get("bodies") if isinstance(element.get("bodies"), list) else []
+            bodies_of = element.get("bodies")
+            pair: list[Any] = bodies_of if isinstance(bodies_of, list) else []
             for field, body in [*((field, element.get(field)) for field in ("slider", "guide", "body")),
                                 *((f"bodies.{i}", body) for i, body in enumerate(pair))]:
                 if body == GROUND and field in ("slider", "body"):

@@ -96,6 +96,16 @@ class Translational(Model):
         return self.mu is not None
 
     @property
+    def extent(self) -> tuple[float, float]:
+        """`length` and `width`, 0 where they are not given; m."""
+        return self.length or 0.0, self.width or 0.0
+
+    @property
+    def kinetic_coefficient(self) -> float:
+        """The kinetic coefficient in force, `mu` or else 0."""
+        return self.mu or 0.0
+
+    @property
     def static_coefficient(self) -> float:
         """The static coefficient in force, `mus` or else `mu` (0 without friction)."""
         return self.mus if self.mus is not None else self.mu or 0.0
@@ -293,6 +303,11 @@ class Scene(Model):
     def name(self) -> str:
         """The name of the file without its ending."""
         return self._name
+
+    @property
+    def pins(self) -> dict[str, Revolute]:
+        """The revolute joints, by name."""
+        return {name: joint for name, joint in self.joints.items() if isinstance(joint, Revolute)}
 
     @property
     def guides(self) -> dict[str, Translational]:

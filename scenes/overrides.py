@@ -37,7 +37,7 @@ def parse_override(text: str) -> tuple[str, Any]:
 
 def flattened(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested tables as one with dotted keys."""
-    flat = {}
+    flat: dict[str, Any] = {}
     for key, value in table.items():
         flat |= flattened(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
     return flat

@@ -11,8 +11,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from multiprocessing import forkserver
-from multiprocessing.context import BaseContext
 from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from multiprocessing.context import ForkServerContext, SpawnContext
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 _IMPORTED = ("stiction.silent_interrupt", "stiction.reference_impl.integration.paper_scheme",
@@ -22,7 +25,7 @@ _AS_HERE = ("pandas", "scipy.spatial")  # half as long again: only where the cal
 
 
 @cache
-def child_context() -> BaseContext:
+def child_context() -> ForkServerContext | SpawnContext:
     """Return how processes are started: forked, where the system can, from a server that has made the common imports.
 
     That takes a tenth of the time. The first call starts the server and does not wait for it: the sooner, the better.
@@ -71,8 +74,9 @@ def undisturbed_end() -> Iterator[Callable[[], None]]:
         ending = True
 
     here = threading.current_thread() is threading.main_thread()
-    before = {number: handler for number in (signal.SIGINT, signal.SIGTERM)
-              if here and callable(handler := signal.getsignal(number))}
+    before: dict[int, Callable[[int, FrameType | None], Any]] = {
+        number: handler for number in (signal.SIGINT, signal.SIGTERM)
+        if here and callable(handler := signal.getsignal(number))}
     try:
         for number in before:
             signal.signal(number, take)

@@ -37,7 +37,7 @@ from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
 
 from pydantic import Field, ValidationError
 
@@ -70,10 +70,18 @@ class BaselineRefused(StictionError):
     """An update would touch a truth; the message names each, with what was found."""
 
 
+if TYPE_CHECKING:  # of which no literals are made by name
+    _Tier = str
+    _Format = int
+else:
+    _Tier = Literal[PROVEN, CLOSED_FORM, HIGH_PRECISION, PUBLISHED, OWN_RUN]
+    _Format = Literal[FORMAT]
+
+
 class _Number(Model):
     value: float
     uncertainty: float | None = None
-    tier: Literal[PROVEN, CLOSED_FORM, HIGH_PRECISION, PUBLISHED, OWN_RUN]
+    tier: _Tier
     rounding: Annotated[float, Field(allow_inf_nan=True)] | None = None
 
 
@@ -128,7 +136,7 @@ class _Update(Model):
 class Baseline(Model):
     """A baseline: the expected runs by name, and who changed it when and why."""
 
-    format: Literal[FORMAT]
+    format: _Format
     updates: tuple[_Update, ...] = ()
     runs: dict[str, Expected] = {}
 
@@ -246,6 +254,14 @@ def moved_truths(row: Row, expected: Expected) -> Iterator[tuple[Metric, Metric 
         if moved > allowed:
             yield fixed, now, (f"{fixed.tier}, now {now.tier}: they differ by {moved:.2g}, "
                                f"the uncertainties of both allow {allowed:.2g}")
+
+
+@overload
+def _rounded(value: float) -> float: ...
+
+
+@overload
+def _rounded(value: float | None) -> float | None: ...
 
 
 def _rounded(value: float | None) -> float | None:

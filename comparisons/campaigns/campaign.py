@@ -33,7 +33,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
 from pydantic_core import PydanticCustomError
@@ -163,14 +163,22 @@ def _as_variants(tables: dict[str, _Variant]) -> tuple[Variant, ...]:
 _Label = Annotated[str, Field(pattern=r"^[^/|\n]+$")]
 
 
+if TYPE_CHECKING:
+    _Kind = str
+    _Variants = tuple[Variant, ...]
+else:  # as the file has them: a name, and a table that becomes the tuple
+    _Kind = Literal[KINDS]
+    _Variants = Annotated[dict[_Label, _Variant], Field(min_length=1), AfterValidator(_as_variants)]
+
+
 class Campaign(Model):
     """A campaign, loaded; see the module. Its scenes are loaded, its variants a tuple of `Variant`."""
 
     title: str = ""
     scenes: Annotated[tuple[Scene, ...], Field(min_length=1), BeforeValidator(_load_scenes)]
-    variants: Annotated[dict[_Label, _Variant], Field(min_length=1), AfterValidator(_as_variants)]
+    variants: _Variants
     others: _Others | None = None
-    measure: tuple[Literal[KINDS], ...] = KINDS
+    measure: tuple[_Kind, ...] = KINDS
     random: Annotated[int, Field(ge=0)] = 0
     """Random slider-bars that a night draws afresh and holds to the truth (`random_slider_bars`)."""
     random_mechanisms: Annotated[int, Field(ge=0)] = 0
@@ -239,7 +247,8 @@ class Campaign(Model):
 
     def variants_of(self, name: str) -> tuple[Variant, ...]:
         """Return variants of an engine that the campaign does not know: each fidelity, with the steps of `others`."""
-        others = self.others or load_campaign(CAMPAIGNS / "validation.toml").others
+        if (others := self.others) is None:
+            return load_campaign(CAMPAIGNS / "validation.toml").variants_of(name)
         try:
             capabilities = load_engine(name).capabilities
         except EngineMissing:  # the row of its run will say so
@@ -293,7 +302,8 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
     return campaign
 
 
-_TABLES = {"variants": _Variant, "others": _Steps, "budget": _Budget, "check": _Check, "depths": Extent}
+_TABLES: dict[str, type[Model]] = {"variants": _Variant, "others": _Steps, "budget": _Budget, "check": _Check,
+                                   "depths": Extent}
 
 
 def _problems_of(error: ValidationError) -> Iterator[Problem]:
@@ -304,8 +314,8 @@ def _problems_of(error: ValidationError) -> Iterator[Problem]:
             for field, wrong, expected in detail["ctx"]["found"]:
                 yield Problem(f"{key}.{field}".lstrip("."), shown(wrong), expected)
         elif detail["type"] == "extra_forbidden":
-            known = (_TABLES.get(location[0], Campaign) if len(location) > 1 else Campaign).model_fields
-            hint = did_you_mean(location[-1], known) or f"; expected one of: {names(known)}"
+            known = (_TABLES.get(str(location[0]), Campaign) if len(location) > 1 else Campaign).model_fields
+            hint = did_you_mean(str(location[-1]), known) or f"; expected one of: {names(known)}"
             yield Problem(key, found, f"unknown key{hint}")
         else:
             yield Problem(key, found_in(detail), expectation(detail))

@@ -23,7 +23,8 @@ from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.registry import EngineMissing, load_engine
 from stiction.scenes import Scene
 
-S, T = TypeVar("S"), TypeVar("T")
+S = TypeVar("S")
+T = TypeVar("T")
 
 TIME_LIMIT = 240.0
 """Seconds that one run or measurement may take."""
@@ -59,7 +60,8 @@ class Comparison(Generic[T]):
 
     def then(self, convert: Callable[[T], S]) -> Comparison[S]:
         """Return a comparison of the same runs whose yield is converted."""
-        return replace(self, tabulate=lambda outcomes: convert(self.tabulate(outcomes)))
+        return Comparison(self.tasks, lambda outcomes: convert(self.tabulate(outcomes)), self.variants, self.rounds,
+                          self.ladders, self.budget_s)
 
     def make(self, **options: Any) -> T:
         """Make the runs and return the yield; options of `make`."""
@@ -73,8 +75,8 @@ def side_by_side(parts: Sequence[Comparison[S]], combine: Callable[[list[S]], T]
         return combine([part.tabulate([next(rest) for _ in part.tasks]) for part in parts])
 
     variants = {variant.label: variant for part in parts for variant in part.variants}
-    return replace(parts[0], tasks=tuple(task for part in parts for task in part.tasks), tabulate=tabulate,
-                   variants=tuple(variants.values()), ladders=tuple(name for part in parts for name in part.ladders))
+    return Comparison(tuple(task for part in parts for task in part.tasks), tabulate, tuple(variants.values()),
+                      parts[0].rounds, tuple(name for part in parts for name in part.ladders), parts[0].budget_s)
 
 
 def records_comparison(scenes: Sequence[Scene], variants: Sequence[Variant],
@@ -143,9 +145,10 @@ def _outcomes(tasks: Sequence[Task], isolated: Isolate, on_result: Callable[[Out
             others[first[call].label].append(task.label)
 
     def report(outcome: Outcome) -> None:
-        on_result(outcome)
-        for label in others.pop(outcome.label, ()):
-            on_result(replace(outcome, label=label, cpu_s=0.0))
+        if on_result is not None:
+            on_result(outcome)
+            for label in others.pop(outcome.label, ()):
+                on_result(replace(outcome, label=label, cpu_s=0.0))
 
     found = isolated(list(first.values()), on_result=on_result and report, **options) if first else []
     made = dict(zip(first, found, strict=True))
@@ -173,7 +176,9 @@ def _with_its_time(task: Task, outcome: Outcome, times: Mapping[str, Timing]) ->
     """Return an outcome whose run, if it is a simulation, has the time that the same computation has elsewhere."""
     if outcome.status != "ok" or not is_simulation(task):
         return outcome
-    return replace(outcome, value=with_cost(outcome.value, times.get(computation(*task.args, outcome.value))))
+    engine, scene, arguments = task.args
+    time = times.get(computation(engine, scene, arguments, outcome.value))
+    return replace(outcome, value=with_cost(outcome.value, time))
 
 
 def prepare(engines: Iterable[str]) -> None:

@@ -12,6 +12,7 @@ from concurrent.futures import Executor, as_completed
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
+from typing import Any
 
 from stiction.child_processes import undisturbed_end
 from stiction.comparisons.environment import source_digest
@@ -89,8 +90,9 @@ def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | Non
                 reason = " ".join(f"workers died: {error}".split())
                 found = [Outcome(tasks[i].label, "crashed", reason=reason) for i in batch]
             outcomes |= zip(batch, found, strict=True)
-            for outcome in found if on_result is not None else ():
-                on_result(outcome)
+            if on_result is not None:
+                for outcome in found:
+                    on_result(outcome)
     finally:
         for future in waiting:
             future.cancel()
@@ -103,7 +105,7 @@ def _isolate_share(tasks: Sequence[Task], timeout_s: float) -> list[Outcome]:
 
 
 @contextmanager
-def _dask_client(name: str, workers: int | None) -> Iterator:
+def _dask_client(name: str, workers: int | None) -> Iterator[Any]:
     import dask
     from distributed import Client, LocalCluster
 
@@ -121,7 +123,7 @@ def _dask_client(name: str, workers: int | None) -> Iterator:
         yield client
 
 
-def _check_workers(name: str, client) -> None:
+def _check_workers(name: str, client: Any) -> None:
     """Raise InputError if the numbers of a worker would not be those of this code, or if it cannot isolate."""
     try:
         found = client.run(_worker)

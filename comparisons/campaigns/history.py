@@ -145,7 +145,8 @@ class History:
         for key, *metric in numbers:
             metrics.setdefault(key, []).append(Metric(*metric))
         runs = self._connection.execute(f"SELECT {_RUN}, settings FROM runs WHERE {where} ORDER BY rowid", values)
-        return [Row(*run, settings and json.loads(settings), tuple(metrics.get(run[0], ()))) for *run, settings in runs]
+        return [Row(*(*run, settings and json.loads(settings), tuple(metrics.get(run[0], ()))))
+                for *run, settings in runs]
 
     def origin(self, night: str) -> dict[str, Any]:
         """Return the `environment.origin` of its numbers."""

@@ -164,7 +164,8 @@ class PlannedRun:
         if self.variant is None:
             return Task(self.key, _truth_row, (self,))
         followed = self.followed and self.variant.parameter == "dt"
-        return Task(self.key, _run_row, (self, tuple(kind for kind in kinds if kind != MOTION or followed), repeats))
+        measured = tuple(kind for kind in kinds if kind != MOTION or followed)
+        return Task(self.key, _run_row, (self, self.variant, measured, repeats))
 
 
 def row_of(run: PlannedRun | Draw, outcome: Outcome) -> Row:
@@ -192,17 +193,17 @@ def disturbed(scene: Scene, way: str) -> Scene:
     return vary(scene, numbers)
 
 
-def _run_row(run: PlannedRun, kinds: Collection[str], repeats: int) -> Row:
+def _run_row(run: PlannedRun, variant: Variant, kinds: Collection[str], repeats: int) -> Row:
     """Simulate and measure against the truth, in the child.
 
     The time is that of the whole `Engine.run` as this process sees it, whatever the engine says of its own.
     """
     compile_kernels()
-    solver, fidelity = load_engine(run.variant.engine), run.variant.fidelity
+    solver, fidelity = load_engine(variant.engine), variant.fidelity
     has_static = solver.capabilities.static_coefficient.get(fidelity, False)
     scene, given = (physics_of(each, has_static) for each in (run.scene, disturbed(run.scene, run.way)))
     output_step = OUTPUT_STEP * (2 if run.way == GRID else 1)
-    arguments = job(run.scene, run.variant, run.step, output_step=output_step).arguments
+    arguments = job(run.scene, variant, run.step, output_step=output_step).arguments
     trajectory = solver.simulate(given, **arguments)
     status, reason = "ok", "" if trajectory.termination == "end" else trajectory.termination
     metrics: list[Metric] = []

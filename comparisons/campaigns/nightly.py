@@ -97,7 +97,8 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
                 on_result(row)
 
         draws = draws_of_night(night, {"slider-bars": campaign.random, "mechanisms": campaign.random_mechanisms})
-        left = [run for run in (*campaign.runs, *draws) if run.key not in done]
+        planned: list[PlannedRun | Draw] = [*campaign.runs, *draws]
+        left = [run for run in planned if run.key not in done]
         _measure(left, campaign, campaign.measure, isolated, on_start, keep)
         rows, past = history.rows(night), history.times(here["conditions"], night)
         times = {}
@@ -166,7 +167,7 @@ def measured_rounding(campaign: Campaign, rows: Sequence[Row], on_start: OnStart
 def _with_first_nights(baseline: Baseline, rows: Sequence[Row], history: History,
                        night: str) -> tuple[Baseline, dict[str, str]]:
     """Return the baseline with the first nights of runs that it does not have, and by key these nights."""
-    runs, nights = dict(baseline.runs), {}
+    runs, nights = dict(baseline.runs), dict[str, str]()
     for row in rows:
         if row.variant == RANDOM or baseline.expected(row) is not None:
             continue

@@ -137,13 +137,13 @@ def _of_row(row: Row, baseline: Baseline, kinds: Collection[str], times: Mapping
     expected = baseline.expected(row)
     if finding := _of_status(row, expected, baseline):
         yield finding
-    else:
+    elif expected is not None:
         yield from _of_truths(row, expected)
         yield from _of_numbers(row, expected, kinds, times.get(row.key), expected.conditions == conditions)
 
 
 def _of_status(row: Row, expected: Expected | None, baseline: Baseline) -> Finding | None:
-    now, before = row.outcome, expected and expected.outcome
+    now, before = row.outcome, None if expected is None else expected.outcome
     if now == "missing" and row.engine in EXTRAS:  # an extra need not be installed
         severity, words = NOT_JUDGED, row.reason
     elif expected is None:
@@ -169,7 +169,8 @@ def _of_truths(row: Row, expected: Expected) -> Iterator[Finding]:
     tiers = {metric.tier for metric in row.metrics if metric.kind == TRUTH}
     for fixed, new, why in moved_truths(row, expected):
         severity = NOT_JUDGED if new is None and tiers and fixed.tier not in tiers else REGRESSION
-        yield Finding(severity, TRUTH, row.key, fixed.name, fixed.value, new and new.value, math.inf, why)
+        found = None if new is None else new.value
+        yield Finding(severity, TRUTH, row.key, fixed.name, fixed.value, found, math.inf, why)
 
 
 def _of_numbers(row: Row, expected: Expected, kinds: Collection[str], times: Times | None,
@@ -286,11 +287,11 @@ def _of_turns(rows: Sequence[Row], turns: Mapping[str, Mapping[str, float] | str
     """Compare the times of each engine with those of the code before, by the median of its runs."""
     measured: dict[tuple[str, str], list[float]] = {}
     for row in rows:
-        ratios = turns.get(row.key, {})
-        if isinstance(ratios, str):
-            yield Finding(NOT_JUDGED, "time", row.key, IN_TURNS.format(TOTAL), None, None, math.inf, ratios)
+        of_row = turns.get(row.key, {})
+        if isinstance(of_row, str):
+            yield Finding(NOT_JUDGED, "time", row.key, IN_TURNS.format(TOTAL), None, None, math.inf, of_row)
         else:
-            for what, ratio in ratios.items():
+            for what, ratio in of_row.items():
                 measured.setdefault((row.engine, what), []).append(ratio)
     for (engine, what), ratios in measured.items():
         now, enough = median(ratios), len(ratios) >= FEWEST

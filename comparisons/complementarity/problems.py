@@ -18,7 +18,7 @@ A set is one Parquet file, a row a problem of the form of eqs. (34)-(38)
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -111,13 +111,15 @@ def _states(scene: Scene, run: Trajectory | Run, everywhere: bool) -> Iterator[t
     names = [[f"{body}.{label}" for body in scene.bodies for label in labels]
              for labels in BODY_COLUMNS[:2]]
     chosen = range(len(run.t)) if everywhere else (0, -1)
-    rows = [(run.t[i], {name: values[i] for name, values in run.columns.items()}) for i in chosen]
+    rows: list[tuple[float, Mapping[str, float]]] = [
+        (run.t[i], {name: values[i] for name, values in run.columns.items()}) for i in chosen]
     for event in run.events if everywhere else run.events[:PER_RUN - 2]:
         for side in (event.before, event.after) if everywhere else (event.before,):
             if side.keys() >= {*names[0], *names[1]}:  # not those of a part of the scene
                 rows.append((event.time, side))
     for t, columns in sorted(rows, key=lambda row: row[0]):
-        yield t, *(np.array([columns[name] for name in part]) for part in names)
+        q, v = (np.array([columns[name] for name in part]) for part in names)
+        yield t, q, v
 
 
 def write_problems(problems: Iterable[Problem], path: str | Path) -> int:

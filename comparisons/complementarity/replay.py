@@ -97,8 +97,8 @@ def answer(solver: Solver, problem: Problem) -> Answer:
         return Answer(problem.kind, outcome, seconds=seconds, reason=reason)
     y, x = (np.asarray(part, dtype=float) for part in found)
     complete = y.shape == x.shape == problem.b.shape and np.all(np.isfinite([y, x]))
-    error = residual(problem.A0, problem.A1, problem.b, y, x) if complete else np.inf
-    return Answer(problem.kind, "solved" if error <= ACCURATE else "wrong", error, seconds)
+    left = residual(problem.A0, problem.A1, problem.b, y, x) if complete else np.inf
+    return Answer(problem.kind, "solved" if left <= ACCURATE else "wrong", left, seconds)
 
 
 def _answers(address: str, path: str | None, kind: str) -> list[Answer]:

@@ -120,7 +120,7 @@ class HardCase:
     @property
     def units(self) -> Units:
         """Units of the first variation."""
-        return _units(self.variations[0])
+        return next(_units(variation) for variation in self.variations if not isinstance(variation, str))
 
     def scenes(self, static_coefficient: bool = True) -> tuple[Scene, ...]:
         """Load the scene of the case and its variations; without a static coefficient with mus = mu.
@@ -138,7 +138,7 @@ class HardCase:
         first = load_scene(self.scene, self.set)
         if not static_coefficient and not self.static and "mus" in first.parameters:
             first = load_scene(self.scene, {**self.set, "mus": "mu"})
-        return first, *(reordered(first) if variation == "reordered" else scaled(first, _units(variation))
+        return first, *(reordered(first) if isinstance(variation, str) else scaled(first, _units(variation))
                         for variation in self.variations)
 
 

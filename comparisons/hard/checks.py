@@ -16,6 +16,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from stiction.comparisons import truth as truths
 from stiction.comparisons.hard.case import HardCase
 from stiction.comparisons.hard.closed_forms import rod_normal_force, value
 from stiction.comparisons.measures.distances import match_events
-from stiction.comparisons.random_scenes.one_freedom import Motion, simulate
+from stiction.comparisons.random_scenes.one_freedom import Instant, simulate
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import steady_state
@@ -31,6 +32,7 @@ from stiction.scenes import Event, Scene, Trajectory
 
 Scenes = Sequence[Scene]
 Runs = Sequence[Trajectory]
+Known = TypeVar("Known")
 FIRST_STEPS = 10
 """Steps in which contacts build up their forces; as many steps' error of a method of first order is right."""
 STATE = ("x", "y", "angle", "vx", "vy", "omega")
@@ -95,18 +97,18 @@ def follows_truth(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float
     return found
 
 
-def _other_events(expected: Sequence[Event], found: Sequence[Event], t_end: float) -> dict[str, float]:
+def _other_events(expected: Sequence[Event | Instant], found: Sequence[Event], t_end: float) -> dict[str, float]:
     matched = match_events(expected, found, 0.01 * t_end)
     return {"events missed or invented": float(len(matched.missed) + len(matched.spurious))}
 
 
-def _known(solve: Callable[[Scene, float], object], scene: Scene, t_end: float) -> object:
+def _known(solve: Callable[[Scene, float], Known], scene: Scene, t_end: float) -> Known:
     """Solve a scene once: all variants of a case follow each other, and it often takes longer than their runs."""
     return _found(solve, pickle.dumps(scene), t_end)
 
 
 @lru_cache(maxsize=4)
-def _found(solve: Callable[[Scene, float], object], scene: bytes, t_end: float) -> object:
+def _found(solve: Callable[[Scene, float], Any], scene: bytes, t_end: float) -> Any:
     return solve(pickle.loads(scene), t_end)
 
 
@@ -168,7 +170,7 @@ def shared(force: np.ndarray) -> np.ndarray:
 
 def accepted_start(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Measure a run from an inconsistent start: the residual it began with, and how far it moved the start silently."""
-    [scene, *_], [run, *_] = scenes, runs
+    scene, run = scenes[0], runs[0]
     moved = [abs(run[f"{name}.{column}"][0] - declared) for name, body in scene.bodies.items()
              for column, declared in zip(STATE, (*body.position, body.angle, *body.velocity, body.angular_velocity))]
     return {"start accepted off its constraints": float(max(run["drift.position"][0], run["drift.velocity"][0])),
@@ -180,8 +182,8 @@ def comes_to_rest(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
 
     How guides share the load is not determined, the virtual power of their frictions is.
     """
-    [scene, *_], [run, *_] = scenes, runs
-    motion: Motion = _known(simulate, scene, float(run.t[-1]))
+    scene, run = scenes[0], runs[0]
+    motion = _known(simulate, scene, float(run.t[-1]))
     m, slips = motion.equations, [run[f"{name}.slip_velocity"] for name in motion.equations.guides]
     terms = m.terms(motion.q, 0.0, np.ones(len(m.guides)))
     power = shared(np.array([terms.p @ [run[f"{name}.friction"][-1] for name in m.guides]]))
@@ -222,11 +224,12 @@ def periodic(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
 
 def sums_of_three_guides(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Compare the sums of the forces of `three-guides-at-rest` with the weight, in any order and units."""
-    incline, found = np.deg2rad(15), {}
+    incline, found = np.deg2rad(15), dict[str, float]()
     for scene, run in zip(scenes, runs):
-        weight = -scene.gravity[1] * scene.bodies["slider"].mass
+        weight = -(scene.gravity or (0.0, 0.0))[1] * scene.bodies["slider"].mass
         for name, total in (("friction", -weight * np.sin(incline)), ("normal_force", weight * np.cos(incline))):
-            sums = shared(sum(settled(run, f"guide-{i}.{name}") for i in (1, 2, 3)))
+            first, second, third = (settled(run, f"guide-{i}.{name}") for i in (1, 2, 3))
+            sums = shared(first + second + third)
             if len(sums):
                 found[f"sum of {name}"] = max(gap(sums, total), found.get(f"sum of {name}", 0.0))
     return found

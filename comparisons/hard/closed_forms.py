@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
@@ -18,7 +19,7 @@ def value(formula: str, scene: Scene, t: np.ndarray | float = 0.0,
 
     It is Python's arithmetic with ``^`` for powers, as in scene files, of `t`, `scene`, its parameters and `FUNCTIONS`.
     """
-    names = {**FUNCTIONS, **scene.parameters, "scene": scene, "t": t}
+    names: dict[str, Any] = {**FUNCTIONS, **scene.parameters, "scene": scene, "t": t}
     for name, definition in {**(definitions or {}), "": formula}.items():  # they come with the suite
         names[name] = eval(definition.replace("^", "**"), {"__builtins__": {}}, names)
     return names[""]
@@ -29,10 +30,10 @@ def lifted_position(scene: Scene, t: np.ndarray) -> np.ndarray:
     p = scene.parameters
     m, g, A, W, P, mu = (p[key] for key in ("m", "g", "A", "W", "P", "mu"))
 
-    def first(s):  # integral of the normal force, and the one of that
+    def first(s: Any) -> Any:  # integral of the normal force, and the one of that
         return m * g * s + A / W * np.cos(W * s)
 
-    def second(s):
+    def second(s: Any) -> Any:
         return m * g * s ** 2 / 2 + A / W ** 2 * np.sin(W * s)
 
     root = np.arcsin(m * g / A)
@@ -43,7 +44,7 @@ def lifted_position(scene: Scene, t: np.ndarray) -> np.ndarray:
     for end in [*zeros, np.inf]:
         inside = (t >= start) & (t <= end)
 
-        def state(s, start=start, sign=sign, x=x, v=v):
+        def state(s: Any, start: float = start, sign: float = sign, x: float = x, v: float = v) -> tuple[Any, Any]:
             h = s - start
             return (x + v * h + P / m * h ** 2 / 2 - mu * sign / m * (second(s) - second(start) - first(start) * h),
                     v + P / m * h - mu * sign / m * (first(s) - first(start)))

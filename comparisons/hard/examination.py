@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -123,24 +123,26 @@ def examine(name: str, variant: Variant) -> Examination:
     except EngineFailure as error:
         return Examination(stopped=str(error), version=engine.version)
     if runs[-1].termination == "end":
-        scene, run, ended = scenes[0], runs[0], {}
+        scene, run = scenes[0], runs[0]
+        ended = Examination()
         measures = checks.measures(case, scenes, runs) | _beyond(case, scene, run)
         if variant.engine == "reference" and scene.frictional_guides:
             measures |= _conditions(scene, run)
     else:
         scene, run = scenes[len(runs) - 1], runs[-1]
         kind, time = (run.breakdown.kind, run.breakdown.time) if run.breakdown else ("", float(run.t[-1]))
-        measures, ended = _beyond(case, scene, run), {"stopped": run.termination, "stop_kind": kind, "stop_time": time}
+        measures = _beyond(case, scene, run)
+        ended = Examination(stopped=run.termination, stop_kind=kind, stop_time=time)
     event_driven = variant.engine == "reference" and variant.parameter == "rtol"
-    return Examination(measures, **ended, version=run.version, cpu_s=sum(run.cost.stepping_s for run in runs),
-                       engine_s=sum(run.cost.own_s for run in runs),
-                       problems=tuple(problems_met(case.topic, scene, run)) if event_driven else ())
+    return replace(ended, measures=measures, version=run.version, cpu_s=sum(run.cost.stepping_s for run in runs),
+                   engine_s=sum(run.cost.own_s for run in runs),
+                   problems=tuple(problems_met(case.topic, scene, run)) if event_driven else ())
 
 
 def _run(case: HardCase, scene: Scene, dt: float, variant: Variant) -> Trajectory:
     """Run a scene with its step or tolerance; `dt` is in the units of a scaled scene."""
-    guides = scene.frictional_guides.values()
-    if not has_static_coefficient(variant) and any(guide.static_coefficient > guide.mu for guide in guides):
+    has_larger = any(guide.static_coefficient > guide.kinetic_coefficient for guide in scene.frictional_guides.values())
+    if has_larger and not has_static_coefficient(variant):
         raise Refused("has no static coefficient; the case is about mus > mu")
     step = {"dt": dt} if variant.parameter == "dt" else {"rtol": variant.ladder[-1]}
     settings = {**variant.settings, **(case.reference if variant.engine == "reference" else {})}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -127,8 +128,24 @@ def value_at(graph: Graph, t: np.ndarray, side: str) -> np.ndarray:
     return graph.values[right - 1] + share * (graph.values[right] - graph.values[right - 1])
 
 
+class Happening(Protocol):
+    """An event as far as it is matched."""
+
+    @property
+    def time(self) -> float: ...
+
+    @property
+    def kind(self) -> str: ...
+
+    @property
+    def joint(self) -> str: ...
+
+
+Expected = TypeVar("Expected", bound=Happening)
+
+
 @dataclass(frozen=True)
-class EventComparison:
+class EventComparison(Generic[Expected]):
     """Comparison of the events found with the true ones.
 
     Attributes
@@ -141,14 +158,14 @@ class EventComparison:
         Largest |time error| of the matched (nan without any), with the uncertainty given for the times.
     """
 
-    matched: tuple[tuple[Event, Event], ...]
-    missed: tuple[Event, ...]
+    matched: tuple[tuple[Expected, Event], ...]
+    missed: tuple[Expected, ...]
     spurious: tuple[Event, ...]
     time_error: Uncertain
 
 
-def match_events(true: Sequence[Event], found: Sequence[Event], window: float,
-                 uncertainty: float = 0.0) -> EventComparison:
+def match_events(true: Sequence[Expected], found: Sequence[Event], window: float,
+                 uncertainty: float = 0.0) -> EventComparison[Expected]:
     """Match events of the same kind and joint whose times (s) differ by no more than the window.
 
     The matching has as many pairs as possible and, among those, the smallest sum of time errors (assignment problem).

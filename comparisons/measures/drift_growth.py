@@ -64,7 +64,9 @@ def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np
     rounding : float or ndarray, shape (n,)
         Values up to which rounding may make them, of all samples or of each.
     """
-    octaves, above, end = [], [], float(t[-1]) if len(t) else 0.0
+    octaves: list[tuple[float, float]] = []
+    above: list[bool] = []
+    end = float(t[-1]) if len(t) else 0.0
     limit = np.broadcast_to(rounding, np.shape(values))
     while end / 2 >= first * (1 - 1e-9) > 0:
         within = (t > end / 2) & (t <= end)
@@ -80,10 +82,10 @@ def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np
     rounding_follows = are_successive and len(seen) < len(octaves)
     if len(values) and np.all(values <= limit) or rounding_follows and len(seen) < FEWEST:
         return Growth(np.nan, np.nan, np.nan, np.nan, ROUNDED, until, tuple(octaves))
-    if len(seen) < FEWEST or not are_successive:
+    ends, sizes = np.reshape(seen, (-1, 2)).T
+    law = fitted_exponent([(ends, sizes)]) if len(seen) >= FEWEST and are_successive else None
+    if law is None:
         return Growth(np.nan, np.nan, np.nan, np.nan, INCONCLUSIVE, until, tuple(octaves))
-    ends, sizes = np.array(seen).T
-    law = fitted_exponent([(ends, sizes)])
     exponent, uncertainty = law.value, law.uncertainty
     spread, walk = float(np.ptp(np.log(sizes))), walk_spread(len(seen))
     is_bounded = spread < walk and exponent + uncertainty < 0.5

@@ -47,10 +47,12 @@ def excitation_period(scene: Scene, since: float = 0.0) -> float:
             raise NoCommonPeriod(f"{scene.name}: the law of {name} grows for ever")
         elif isinstance(law, Table) and (law.interpolation == "cubic" or law.times[-1] > since):
             raise NoCommonPeriod(f"{scene.name}: the law of {name} is a table that has not come to its end")
-    rates = tuple(rate for rate in rates if rate > 0)
-    if rates and (period := _period_of(rates)) is None:
-        raise NoCommonPeriod(f"{scene.name}: frequencies {list(rates)} rad/s have no common period")
-    return period if rates else np.inf
+    changing = tuple(rate for rate in rates if rate > 0)
+    if not changing:
+        return np.inf
+    if (period := _period_of(changing)) is None:
+        raise NoCommonPeriod(f"{scene.name}: frequencies {list(changing)} rad/s have no common period")
+    return period
 
 
 def common_period(scene: Scene) -> float:

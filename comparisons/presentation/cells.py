@@ -65,9 +65,10 @@ def cell(column: str, value: object) -> str:
     if isinstance(value, Uncertain):
         return str(value)
     if isinstance(value, Real):
-        whole = float(value).is_integer() and abs(value) < 1e6
+        number = float(value)
+        whole = number.is_integer() and abs(number) < 1e6
         digits = ERROR_DIGITS if _ERROR.search(column) else _EXACT_DIGITS if _EXACT.search(column) else _DIGITS
-        text = f"{int(value)}" if whole else f"{value:.{digits}g}"
+        text = f"{int(number)}" if whole else f"{number:.{digits}g}"
         return plain(text) if digits == ERROR_DIGITS else text
     return re.sub(r"\s+", " ", str(value))
 

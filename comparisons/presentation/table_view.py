@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -60,20 +61,20 @@ class Column:
         unit = self.unit or (unit_of(self.name) if self.label else "")
         return (self.label or self.name) + (f" [{unit}]" if unit else "")
 
-    def text(self, row: Mapping[str, object]) -> str:
+    def text(self, row: Mapping[str, Any]) -> str:
         """The cell of a row of the frame."""
         text, second = self._value(row), row.get(self.second)
-        if not is_missing(second):
+        if second is not None and not is_missing(second):
             text += f" ({cell(self.name, self.scale * float(second))})"
         sign = row.get(self.bound)
         return text if is_missing(sign) else f"{sign} {text}"
 
-    def _value(self, row: Mapping[str, object]) -> str:
+    def _value(self, row: Mapping[str, Any]) -> str:
         value = row[self.name]
         if is_missing(value) or isinstance(value, (str, bool, np.bool_)):
             return cell(self.name, value)
         unsure = row.get(self.uncertainty or (uncertainty_of(self.name) if self.label and not self.form else ""))
-        if not is_missing(unsure):
+        if unsure is not None and not is_missing(unsure):
             number = Uncertain(self.scale * float(value), self.scale * float(unsure))
             return number.both() if self.interval else str(number)
         if self.form:
@@ -132,7 +133,7 @@ class TableView:
                 for column in self.shown(brief)]
 
 
-def view(name: str, caption: str, frame: pd.DataFrame | Iterable[tuple[Mapping[str, object], pd.DataFrame]],
+def view(name: str, caption: str, frame: pd.DataFrame | Iterable[tuple[Mapping[str, Any], pd.DataFrame]],
          columns: Iterable[Column], *, source: str = "", rows: Sequence[Sequence[int]] | None = None, group: str = "",
          in_report: bool = True) -> TableView:
     """Return a `TableView` of a table of the data, or of a part of it, whose index counts from 0.

@@ -206,7 +206,10 @@ def _completed(reduced: _Reduced, values: dict[tuple[int, int], fmpq]) -> Verdic
     for (i, side), value in values.items():
         column = (reduced.x if side == 1 else reduced.y)[i]
         rest = [b - value * c for b, c in zip(rest, column)]
-    free = dict(zip(reduced.free, _particular([reduced.y[i] for i in reduced.free], rest)))
+    unsigned = _particular([reduced.y[i] for i in reduced.free], rest)
+    if unsigned is None:
+        raise ArithmeticError("values of the pairs: found none for the unknowns of any sign; expected a solution")
+    free = dict(zip(reduced.free, unsigned))
     return _solution([-free[i] if i in free else values.get((i, 1), fmpq(0)) - values.get((i, -1), fmpq(0))
                       for i in range(reduced.n)])
 

@@ -18,6 +18,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 from math import isinf
+from typing import Any, Generic
 
 import numpy as np
 from flint import arb, arb_mat, arb_poly
@@ -25,7 +26,7 @@ from flint import arb, arb_mat, arb_poly
 from stiction.comparisons.proof.enclosures.arc import Arc, partials_at
 from stiction.comparisons.proof.enclosures.series import TooLong, halves, identity, time_series, working
 from stiction.comparisons.proof.enclosures.zeros import Undecided, Zero, first_zero, newton
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
+from stiction.comparisons.proof.mechanisms.mechanism import AMode, Next, ProvableMechanism
 
 _GRID = 2 ** 20
 """Steps end at multiples of 1/_GRID s."""
@@ -95,7 +96,7 @@ class ProvenEvent:
 
 
 @dataclass(frozen=True)
-class Leg:
+class Leg(Generic[AMode]):
     """A stretch within a step in one mode, from t on for `end` seconds.
 
     Polynomials in the time since t enclose the 2n components of the `state` and the columns of all `bodies`.
@@ -103,18 +104,19 @@ class Leg:
 
     t: arb
     end: arb
-    mode: Hashable
+    mode: AMode
     state: list[arb_poly]
     bodies: dict[str, arb_poly]
 
     @classmethod
-    def of(cls, mechanism: ProvableMechanism, arc: Arc, end: arb, mode: Hashable) -> Leg:
+    def of(cls, mechanism: ProvableMechanism[AMode, Any], arc: Arc, end: arb, mode: AMode) -> Leg[AMode]:
         """The beginning of an arc."""
         def bodies(t, q, v, a):
             return {name: [column] for name, column in mechanism.bodies(t, q, v).items()}
 
         columns = arc.functions(bodies, arc.fine)
-        return cls(arc.t, end, mode, arc.polynomials(arc.fine), {name: column for name, [column] in columns.items()})
+        return cls(arc.t, end, mode, arc.polynomials(arc.fine),
+                   {str(name): column for name, [column] in columns.items()})
 
 
 @dataclass(frozen=True)
@@ -234,8 +236,8 @@ class _Front:
         """Change the mode where a guard is zero, with slope = dg/dt along the motion before."""
         if len(self.events) == _MOST_EVENTS:
             raise Undecided(f"more than {_MOST_EVENTS} changes of mode within a step", self.t)
-        mode = self.current.mode
-        self.current = self.mechanism.after(mode, zero.group, self.t, *halves(self.state))
+        mode, (q, v) = self.current.mode, halves(self.state)
+        self.current = self.mechanism.after(mode, zero.group, self.t, q, v)
         if not self.current.smooth:
             self.derivative = self._jump(mode, zero, slope) * self.derivative
         self._hold()

@@ -57,7 +57,7 @@ def with_theorem(scene: Scene, found: StickThreshold) -> StickThreshold:
     for theorem in map(Theorem.read, certificates()):
         if replace(mechanism, F0=theorem.mechanism.F0) == theorem.mechanism:
             middle, half = float((theorem.low + theorem.high) / 2), float(theorem.high - theorem.low) / 2
-            if found.F0 is not None and not abs(found.F0 - middle) <= half + found.uncertainty:
+            if found.F0 is not None and not abs(found.F0 - middle) <= half + (found.uncertainty or 0.0):
                 raise Contradiction(f"{scene.name}: found the threshold {found.F0!r} +/- {found.uncertainty:.2g} N; "
                                     f"proven is {middle!r} +/- {half:.2g} N")
             return replace(found, F0=middle, uncertainty=half, theorem=" ".join(theorem.sentences))

@@ -81,9 +81,9 @@ def _failures(claims: Claims) -> Iterator[Failure]:
         yield Failure(-1, str(error))
         return
     with motion.precision.working():
-        for name, error in _errors(claims, motion).items():
-            if not error <= claims["errors"][name]:
-                yield Failure(-1, f"{name}: off by up to {error:.3g}; claimed {claims['errors'][name]:.3g}")
+        for name, bound in _errors(claims, motion).items():
+            if not bound <= claims["errors"][name]:
+                yield Failure(-1, f"{name}: off by up to {bound:.3g}; claimed {claims['errors'][name]:.3g}")
         found, listed, width = _events(motion, scene), claims["events"], claims["event time"]
         if [(event.kind, event.joint) for event in found] != [(kind, joint) for kind, joint, _ in listed]:
             yield Failure(-1, "other events")

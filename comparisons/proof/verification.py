@@ -28,7 +28,7 @@ def judge(given: Answer, verdict: Verdict) -> str:
     """One of `JUDGEMENTS`; a solver that was not asked, raised, or whose problem is not decided is not judged."""
     if given.outcome == "wrong":
         return "wrong"
-    answered = {"solved": SOLVED, "none found": NONE, "rightly none": NONE}.get(given.outcome)
+    answered = {"solved": SOLVED, "none found": NONE, "rightly none": NONE}.get(given.outcome, "")
     return _JUDGED.get((verdict.decided, answered), "not judged")
 
 

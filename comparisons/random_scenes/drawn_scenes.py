@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import secrets
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -33,12 +34,18 @@ class Verdict:
     """The scene in words, enough to draw it again"""
 
 
+class Judge(Protocol):
+    """Function of a study that judges scene i of a seed."""
+
+    def __call__(self, seed: int, i: int, /, rtols: Sequence[float]) -> Sequence[Sequence[Verdict]]: ...
+
+
 @dataclass(frozen=True)
 class Study:
     """Way to judge random scenes."""
 
     module: str
-    judge: Callable[[int, int, Sequence[float]], Sequence[Sequence[Verdict]]]
+    judge: Judge
     """``judge(seed, i, rtols)``: for each tolerance the verdicts on scene i of a seed; a module's, for child
     processes"""
     outcomes: Mapping[str, str]
@@ -88,7 +95,7 @@ class Study:
         given = parser.parse_args(arguments)
         seed = secrets.randbits(32) if given.seed is None else given.seed
         print(f"seed {seed}", flush=True)
-        best, shown = next(iter(self.outcomes)), Counter()
+        best, shown = next(iter(self.outcomes)), Counter[tuple[float, str]]()
         found: dict[float, list[Verdict]] = {rtol: [] for rtol in given.rtol}
         scenes = range(given.first, given.first + given.count)
         for by_rtol in self.judged(seed, scenes, given.rtol, given.processes):

@@ -58,7 +58,7 @@ def draws_of_night(night: str, counts: Mapping[str, int]) -> list[Draw]:
 
 def _measured(draw: Draw) -> Row:
     """Count the verdicts of each class, in the child; name what is wrong, and the command that shows it again."""
-    study, counts, failing = STUDIES[draw.what], Counter(), []
+    study, counts, failing = STUDIES[draw.what], Counter[str](), list[str]()
     for i in range(draw.first, draw.first + draw.count):
         verdicts = [verdict for of_scene in study.judge(draw.seed, i, study.rtols) for verdict in of_scene]
         counts.update(verdict.outcome for verdict in verdicts)
@@ -74,15 +74,17 @@ def sentences_on_draws(rows: Sequence[Row]) -> str:
     """Sentences on the draws among the rows of a night, with their seed; empty if there are none."""
     said = []
     for what, study in STUDIES.items():
-        if drawn := [row for row in rows if row.variant == RANDOM and row.settings["what"] == what]:
+        if drawn := [(row, row.settings) for row in rows
+                     if row.variant == RANDOM and row.settings is not None and row.settings["what"] == what]:
             counts: Counter[str] = Counter()
-            for row in drawn:
+            for row, _ in drawn:
                 counts.update({metric.name.removesuffix(" [-]"): int(metric.value) for metric in row.metrics})
             numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in study.outcomes if counts[outcome])
-            missing = sum(row.settings["count"] for row in drawn if not row.metrics)
-            scenes, rtols = sum(row.settings["count"] for row in drawn), ", ".join(f"{rtol:g}" for rtol in study.rtols)
+            missing = sum(settings["count"] for row, settings in drawn if not row.metrics)
+            scenes = sum(settings["count"] for _, settings in drawn)
+            rtols = ", ".join(f"{rtol:g}" for rtol in study.rtols)
             said.append(
-                f"Seed {drawn[0].settings['seed']}, {scenes} {what} of at most {study.t_end:g} s at rtol {rtols}, "
+                f"Seed {drawn[0][1]['seed']}, {scenes} {what} of at most {study.t_end:g} s at rtol {rtols}, "
                 f"against the independent solution: {numbers or 'none'}"
                 + (f"; {missing} {what} without a result." if missing else "."))
     return " ".join(said)

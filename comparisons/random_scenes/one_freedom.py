@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from scipy.integrate import OdeSolution, solve_ivp
@@ -106,7 +106,15 @@ class Motion:
         return q, np.array([terms.load0[0] + terms.load[0] @ f, f])
 
 
-def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+@overload
+def dot(a: complex, b: complex) -> float: ...
+
+
+@overload
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray: ...
+
+
+def dot(a: Any, b: Any) -> Any:
     """Scalar product of planar vectors, which are complex numbers here."""
     return (np.conj(a) * b).real
 
@@ -122,7 +130,7 @@ class OneFreedom:
         self.start = np.array([x for body in bodies for x in (*body.position, body.angle)])
         self.start_rate = np.array([x for body in bodies for x in (*body.velocity, body.angular_velocity)])
         pins = [joint for joint in scene.joints.values() if isinstance(joint, Revolute)]
-        guides = [scene.joints[name] for name in self.guides]
+        guides = list(scene.frictional_guides.values())
         k, self.pins = len(guides), 2 * len(pins)
         if self.pins + 2 * k != len(self.mass) - 1 or k + len(pins) != len(scene.joints) or scene.drives:
             raise NoClearMotion("expected pins and frictional guides that leave one freedom")
@@ -139,7 +147,7 @@ class OneFreedom:
         self.angle, self.angle_rows = np.array([guide.angle for guide in guides]), np.zeros((k, len(self.mass) + 3))
         for row, guide in zip(self.angle_rows, guides):
             row[3 * self.index[guide.slider] + 2], row[3 * self.index[guide.guide] + 2] = 1, -1
-        self.mu = np.array([guide.mu for guide in guides])
+        self.mu = np.array([guide.kinetic_coefficient for guide in guides])
         self.mus = np.array([guide.static_coefficient for guide in guides])
         self.long = np.array([guide.length is not None for guide in guides])
         self.of_T = np.array([[-1 / guide.length, 1 / guide.length] if guide.length else [0, 0] for guide in guides])
@@ -362,7 +370,7 @@ def _piece(m: OneFreedom, t: float, y: np.ndarray, d: np.ndarray, s: np.ndarray,
         def value(t: float, y: np.ndarray) -> float:
             return float(margins(t, y)[i])
 
-        value.terminal, value.direction = True, -1
+        vars(value).update(terminal=True, direction=-1)
         return value
 
     if margins(t, y)[-1] < 0:

@@ -122,7 +122,7 @@ def _simulate(scene: Scene, rtol: float, t_end: float) -> Trajectory:
 
 
 def _stop(run: Trajectory) -> str:
-    return f"{run.breakdown.kind} at {run.breakdown.time:.9f} s"
+    return "end" if run.breakdown is None else f"{run.breakdown.kind} at {run.breakdown.time:.9f} s"
 
 
 def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, str, float]:

@@ -59,7 +59,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
     """Every run against the truth of its physics."""
     scenes = {scene.name: scene for scene in scope.scenes}
 
-    def tables(records: Sequence[Record]) -> Tables:
+    def tables(records: tuple[Record, ...]) -> Tables:
         sizes = {name: size_of(scene) for name, scene in scenes.items()}
         static = {record.variant.label: has_static_coefficient(record.variant) for record in records}
         truths = {record.key: truth_for(scenes[record.scene], [record], scope.t_end, static[record.variant.label])
@@ -97,7 +97,7 @@ def present(results: Results) -> Presentation:
 
 
 def _reached(table: pd.DataFrame, method: Method) -> TracedText:
-    return length("accuracy", table, method.worst, POSITION)
+    return length("accuracy", table, method.worst_row, POSITION)
 
 
 def _own(table: pd.DataFrame, own: Sequence[Method], where: str) -> TracedText:
@@ -128,11 +128,11 @@ def _closest(results: Results, table: pd.DataFrame, found: Mapping[str, Method])
     for name, variants_there in grouped_methods(results, same_work):
         others = [method for variant in variants_there if (method := found.get(variant))
                   and method.is_ranked and not method.is_own]
-        others.sort(key=lambda method: table.at[method.worst, POSITION])
+        others.sort(key=lambda method: table.at[method.worst_row, POSITION])
         if not others:
             continue
-        best = [method for method in others if not differ(table, others[0].worst, method.worst)]
-        row, reached = best[0].worst, _reached(table, best[0])
+        best = [method for method in others if not differ(table, others[0].worst_row, method.worst_row)]
+        row, reached = best[0].worst_row, _reached(table, best[0])
         if table["scene"].nunique() > 1:
             case = Number(case_of(table.at[row, "scene"]), "accuracy", "scene", NAME, (row + 1,))
             reached = traced("{} in {}", reached, case)
@@ -158,7 +158,9 @@ def _count(table: pd.DataFrame, rows: pd.DataFrame) -> Number:
 
 def _cell(table: pd.DataFrame, method: Method) -> TracedText:
     """The worst error of a method, and how many of its runs failed."""
-    parts = [] if method.worst is None else [value("accuracy", table, method.worst, POSITION)]
+    parts: list[TracedText | Number] = []
+    if method.worst is not None:
+        parts.append(value("accuracy", table, method.worst, POSITION))
     if len(method.failed):
         word = "declined" if (method.failed["status"] == "refused").all() else "failed"
         parts.append(traced("{} of {} {}", _count(table, method.failed), _count(table, method.rows), word))

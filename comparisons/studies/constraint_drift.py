@@ -38,7 +38,7 @@ FLOOR = 1e-17
 
 def plan(scope: Scope) -> Comparison[Tables]:
     """The drift of every run of the accuracy study."""
-    def tables(records: Sequence[Record]) -> Tables:
+    def tables(records: tuple[Record, ...]) -> Tables:
         table = drift_table(records)
         if len(table):
             table[JOINT_COORDINATES] = table["engine"].map(_has_joint_coordinates)
@@ -193,7 +193,7 @@ def _panel(records: Sequence[Record], name: str, title: str, label: str) -> Pane
     series = []
     for record in records:
         run = record.trajectory
-        if name in run and len(run.t) > 1:
+        if run is not None and name in run and len(run.t) > 1:
             t, largest = _envelope(run.t, run[name])
             series.append(Series(record.variant.label, t, largest, look=record.variant.label))
     ends = np.array([min(one.x[0] for one in series), max(one.x[-1] for one in series)]) if series else np.zeros(0)

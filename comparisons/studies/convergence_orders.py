@@ -87,7 +87,7 @@ def observed_order(step: Sequence[float], error: Sequence[float], uncertainty: S
         return Order(np.nan, np.nan, runs, "slopes between neighbouring runs differ: not in the asymptotic range "
                      f"({', '.join(f'{slope:.2g}' for slope in slopes)})")
     fit = fitted_exponent([(h[first:last + 1], e[first:last + 1])])
-    return Order(fit.value, fit.uncertainty, runs)
+    return Order(np.nan, np.nan, runs, "too few runs") if fit is None else Order(fit.value, fit.uncertainty, runs)
 
 
 def order_rows(scene: Scene, method: str) -> list[dict[str, object]]:

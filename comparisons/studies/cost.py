@@ -8,9 +8,9 @@ from collections.abc import Hashable, Mapping, Sequence
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
-from stiction.comparisons.campaigns.participants import cost_variants, extent, variants
-from stiction.comparisons.methods import (MISSING_ENGINE, REFERENCE, called, case_of, groups, methods, succeeded,
-                                          title_of, with_columns)
+from stiction.comparisons.campaigns.participants import REFERENCE, cost_variants, extent, variants
+from stiction.comparisons.methods import (MISSING_ENGINE, called, case_of, groups, methods, succeeded, title_of,
+                                          with_columns)
 from stiction.comparisons.presentation import (Axis, Chart, Column, Headline, Panel, Part, Presentation, Series,
                                                TableView, TracedText, count, listed, scaled_value, sentence, traced,
                                                value, view)

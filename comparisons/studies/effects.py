@@ -66,7 +66,7 @@ def toggles(scene: Scene) -> Iterator[Effect]:
         "no friction": [f"{name}.{key}" for name, guide in frictional.items() for key in ("mu", "mus")
                         if getattr(guide, key) is not None],
         "no static coefficient (mus = mu)": [f"{name}.mus" for name, guide in frictional.items()
-                                             if guide.static_coefficient > guide.mu],
+                                             if guide.static_coefficient > guide.kinetic_coefficient],
         "no surface levers (width)": [f"{name}.width" for name, guide in frictional.items() if guide.width],
         "no corner forces (length, width)": [f"{name}.{key}" for name, guide in guides.items()
                                              for key in ("length", "width") if getattr(guide, key) is not None],

@@ -148,16 +148,16 @@ def front(errors: np.ndarray, fastest: np.ndarray, slowest: np.ndarray) -> np.nd
     this, other = errors[:, :, None], errors[:, None, :]
     no_larger, smaller = _no_larger(other, this), _smaller(other, this)
     faster, no_slower = slowest[None] < fastest[:, None], fastest[None] <= slowest[:, None]
-    return ~(no_larger & (faster | smaller & no_slower)).any(axis=1)
+    return ~np.any(no_larger & (faster | smaller & no_slower), axis=1)
 
 
 def _no_larger(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
-    return (errors <= MORE * others).all(axis=0)
+    return np.all(errors <= MORE * others, axis=0)
 
 
 def _smaller(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Test if one of the errors is smaller; where nothing moves, they may be 0."""
-    return ((MORE * errors <= others) & (errors < others)).any(axis=0)
+    return np.any((MORE * errors <= others) & (errors < others), axis=0)
 
 
 def _measured(table: pd.DataFrame) -> pd.DataFrame:

@@ -182,10 +182,11 @@ def _drift_row(found: Mapping[str, list[Mapping[str, Any]]], scene: str, words: 
     laws = [longest(run) for run in runs]
     held = [law in allowed for law, *_ in laws if law != INCONCLUSIVE]  # a run that is too short decides nothing
     said = UNDECIDED if not held else HOLDS if all(held) else PARTLY if any(held) else FAILS
-    row = {"case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": said, "margin is": margin,
-           "truth tier": "closed form",
-           "found, HLCP, from the start": "; ".join(map(_law_in_words, runs)) or "no run",
-           "runs of the study": "; ".join(run_name(scene, choice.label, run["step"]) for run in runs)}
+    row: dict[str, Any] = {
+        "case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": said, "margin is": margin,
+        "truth tier": "closed form",
+        "found, HLCP, from the start": "; ".join(map(_law_in_words, runs)) or "no run",
+        "runs of the study": "; ".join(run_name(scene, choice.label, run["step"]) for run in runs)}
     margins = [1 - spread if stabilized else exponent - half for law, exponent, half, spread, _ in laws
                if law not in (ROUNDED, INCONCLUSIVE)]
     if margins:
@@ -291,9 +292,11 @@ def sensitivity(cases: Mapping[int, Scene], overrides: Mapping[str, Any]) -> Sen
     varied = {case: vary(scene, overrides) if overrides else scene for case, scene in cases.items()}
     threshold = stick_threshold(varied[1])
     views = Views(varied, threshold)
-    numbers, reasons = {THRESHOLD: threshold.F0}, []
+    numbers, reasons = dict[str, float](), list[str]()
     if threshold.F0 is None:
-        numbers, reasons = {}, [threshold.note]
+        reasons.append(threshold.note)
+    else:
+        numbers[THRESHOLD] = threshold.F0
     verdicts = {f"case {claim.case}: {claim.words}": verdict(claim, findings(claim, views, truths_only=True))
                 for claim in claims() if claim.measure}
     for case in varied:

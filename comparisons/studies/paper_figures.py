@@ -88,11 +88,11 @@ def _time_series(results: Results, scene: str) -> Iterator[Chart]:
 
 def _reference(records: list[Record], truth: Truth | None) -> tuple[str, pd.DataFrame]:
     """Label and samples of the reference at its tightest tolerance, else of the truth."""
-    runs = [record for record in records if record.trajectory is not None
-            and record.trajectory.settings.get("method") == "event" and record.trajectory.termination == "end"]
+    runs = [(record, run) for record in records if (run := record.trajectory) is not None
+            and run.settings.get("method") == "event" and run.termination == "end"]
     if runs:
-        best = min(runs, key=lambda record: record.step)
-        return run_label(best), best.trajectory.to_frame(events=True)
+        best, run = min(runs, key=lambda pair: pair[0].step)
+        return run_label(best), run.to_frame(events=True)
     if truth is None:
         return "", pd.DataFrame()
     t = np.linspace(0.0, truth.t_end, SAMPLES)

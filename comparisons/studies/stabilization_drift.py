@@ -273,8 +273,9 @@ class Law(NamedTuple):
 def longest(row: Mapping[str, Any]) -> Law:
     """The law over the longest part of a run that has one."""
     length = max(length for length in LENGTHS if isinstance(row.get(f"growth, {length:g} s"), str))
-    names = ("exponent of growth", "interval of the exponent", "spread, of a random walk's")
-    return Law(row[f"growth, {length:g} s"], *(row[f"{name}, {length:g} s [-]"] for name in names), length)
+    exponent, interval, spread = (row[f"{name}, {length:g} s [-]"] for name in (
+        "exponent of growth", "interval of the exponent", "spread, of a random walk's"))
+    return Law(row[f"growth, {length:g} s"], exponent, interval, spread, length)
 
 
 def present(results: Results) -> Presentation:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -413,7 +414,10 @@ def _window_of_engine(scene: Scene, run: SteadyRun, period: float) -> SteadyWind
     return SteadyWindow(scene, mechanism, integration, whole, located, run.settle, end, period, run.rtol)
 
 
-def _ended(run: Run | Trajectory) -> Run | Trajectory:
+Ended = TypeVar("Ended", Run, Trajectory)
+
+
+def _ended(run: Ended) -> Ended:
     """The run, if it reached its end; EngineFailure with its own words otherwise."""
     if run.termination != "end":
         raise EngineFailure(run.termination)

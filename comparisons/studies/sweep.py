@@ -171,7 +171,8 @@ class Specification:
                 return
             except SceneError as error:
                 problem = problem or error
-        raise problem
+        if problem is not None:
+            raise problem
 
     @property
     def run_measures(self) -> list[Measure]:
@@ -209,6 +210,8 @@ class Specification:
 
     def tasks(self, part: str) -> list[Task]:
         """The row of every point: axes, ``status``, ``reason`` and numbers; an exception is its reason."""
+        function: Callable[..., dict[str, Any]]
+        about: Any
         if part == "map":
             function, about = map_row, [measure.name for measure in self.run_measures]
         else:
@@ -323,8 +326,8 @@ def sweep(specification: Specification, folder: str | Path, *, workers: int | No
             for part in missing:
                 rows = [outcome.value or {**point, "status": outcome.status, "reason": outcome.reason}
                         for point, outcome in zip(specification.points(part), outcomes)]  # it takes no outcome more
-                tables[part] = specification.table(part, rows)
-                for kind, write in (("csv", tables[part].to_csv), ("parquet", tables[part].to_parquet)):
+                tables[part] = table = specification.table(part, rows)
+                for kind, write in (("csv", table.to_csv), ("parquet", table.to_parquet)):
                     with whole_file(folder / f"{part}.{kind}") as path:
                         write(path, index=False)
             kept.finished = True

@@ -10,9 +10,10 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.participants import REFERENCE
 from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.measures.torque_jumps import BOUND, FARTHEST, LATEST, torque_table
-from stiction.comparisons.methods import (REFERENCE, at_equal_step, called, case_of, groups, methods, one_per_variant,
+from stiction.comparisons.methods import (at_equal_step, called, case_of, groups, methods, one_per_variant,
                                           representatives, title_of)
 from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.presentation.charts import TRUTH, Axis, Chart, Panel, Series
@@ -53,7 +54,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
     """
     efforts = {scene.name: f"{drive_of(scene, scope.options.get('drive'))}.effort" for scene in scope.scenes}
 
-    def tables(records: Sequence[Record]) -> Tables:
+    def tables(records: tuple[Record, ...]) -> Tables:
         jumps, windows, all_truths = [], [], dict[str, Truth]()
         for scene in scope.scenes:
             own = [record for record in records if record.scene == scene.name]
@@ -107,10 +108,11 @@ def windows_table(records: Sequence[Record], truths: Mapping[str, Truth], effort
                 continue
             t = event.time + np.linspace(-half, half, 2 * round(HALF_WINDOW / TRUTH_STEP) + 1)
             t = t[(t >= 0) & (t <= truth.t_end)]
-            samples = {(TRUTH, None): _window(t, truth(t)[effort], truth.events, event.time, half, effort)}
+            samples: dict[tuple[str, str | None], pd.DataFrame] = {
+                (TRUTH, None): _window(t, truth(t)[effort], truth.events, event.time, half, effort)}
             for record in chosen:
                 run = record.trajectory
-                if truths[record.key].scene == name and effort in run:
+                if run is not None and truths[record.key].scene == name and effort in run:
                     window = _window(run.t, run[effort], run.events, event.time, half, effort)
                     samples[record.variant.label, record.key] = window
             for (variant, key), window in samples.items():

@@ -18,6 +18,7 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from statistics import median
+from typing import Any
 
 import numpy as np
 
@@ -71,7 +72,7 @@ def _methods(scene: Scene) -> Iterator[str]:
     """CPU time of the reference's steps by method, and of an integrator of the reduced equation alone."""
     engine, p = ReferenceEngine(), parameters(scene)
     true_end = slider_bar_truth(scene)(np.array([scene.t_end]))["slider.x"][0]
-    methods: dict[str, dict[str, object]] = {name: {"rtol": RTOL, "stabilization": name} for name in STABILIZATIONS}
+    methods: dict[str, dict[str, Any]] = {name: {"rtol": RTOL, "stabilization": name} for name in STABILIZATIONS}
     methods[PAPERS] = {"dt": 1e-3}
 
     def run(method: str) -> Trajectory:

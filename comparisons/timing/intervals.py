@@ -7,6 +7,7 @@ with probability 1 - 2 P(B <= k - 1), B binomial with n trials of 1/2 (David & N
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -48,7 +49,7 @@ def median_interval(samples: Sequence[float]) -> Interval:
     """Return the median with the narrowest interval of `CONFIDENCE` by order statistics, else the widest."""
     n, ordered = len(samples), np.sort(np.asarray(samples, dtype=float))
     if n == 0 or not np.all(np.isfinite(ordered)):
-        return Interval(*[float("nan")] * 3, 0.0, n)
+        return Interval(math.nan, math.nan, math.nan, 0.0, n)
     k, level = _rank(n)
     return Interval(float(np.median(ordered)), float(ordered[k - 1]), float(ordered[n - k]), level, n)
 

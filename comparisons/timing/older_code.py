@@ -20,7 +20,7 @@ from typing import Any
 
 from stiction.comparisons.campaigns.measurement import PlannedRun
 from stiction.comparisons.timing.rounds import in_rounds
-from stiction.comparisons.variants import job, physics_of
+from stiction.comparisons.variants import Variant, job, physics_of
 from stiction.engines.registry import load_engine
 from stiction.scenes import InputError, scene_to_toml
 
@@ -85,11 +85,13 @@ def times_in_turns(runs: Sequence[PlannedRun], before: Path,
     ControlRefused
         If it is no checkout of the suite, or the process died.
     """
-    asked = [run for run in runs if run.variant is not None]
+    asked = [(run, run.variant) for run in runs if run.variant is not None]
     found: dict[str, dict[str, float] | str] = {}
-    with (closing(_Code(before.resolve(), [_task(run, stand_in=True) for run in asked], limit_s)) as then,
-          closing(_Code(None, [_task(run) for run in asked], limit_s)) as now):
-        for i, run in enumerate(asked):
+    of_then = [_task(run, variant, stand_in=True) for run, variant in asked]
+    of_now = [_task(run, variant) for run, variant in asked]
+    with (closing(_Code(before.resolve(), of_then, limit_s)) as then,
+          closing(_Code(None, of_now, limit_s)) as now):
+        for i, (run, _) in enumerate(asked):
             found[run.key] = _ratios({BEFORE: then, NOW: now}, i)
     return found
 
@@ -101,7 +103,7 @@ def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
     def one_round(when: Sequence[str]) -> dict[str, dict[str, float]]:
         answers = {name: codes[name].timed(i) for name in when}
         failed.extend(f"{name}: {answer}" for name, answer in answers.items() if isinstance(answer, str))
-        return {} if failed else answers
+        return {name: answer for name, answer in answers.items() if not (failed or isinstance(answer, str))}
 
     first = one_round((BEFORE, NOW))  # may have to compile: not counted
     if not failed:
@@ -114,12 +116,12 @@ def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
     return {what: shortest[NOW][what] / shortest[BEFORE][what] for what in shortest[NOW] if shortest[BEFORE].get(what)}
 
 
-def _task(run: PlannedRun, stand_in: bool = False) -> list[Any]:
+def _task(run: PlannedRun, variant: Variant, stand_in: bool = False) -> list[Any]:
     """Return a run with start and end as its only output: its cost is that of the motion, not of the table of it."""
-    solver = load_engine(run.variant.engine)
-    scene = physics_of(run.scene, solver.capabilities.static_coefficient.get(run.variant.fidelity, False))
-    found = job(scene, run.variant, run.step, output_step=scene.t_end)
-    engine = run.variant.stands_for if stand_in and run.variant.stands_for else found.engine
+    solver = load_engine(variant.engine)
+    scene = physics_of(run.scene, solver.capabilities.static_coefficient.get(variant.fidelity, False))
+    found = job(scene, variant, run.step, output_step=scene.t_end)
+    engine = variant.stands_for if stand_in and variant.stands_for else found.engine
     return [engine, scene.name, scene_to_toml(scene), dict(found.arguments)]
 
 
@@ -135,10 +137,15 @@ class _Code:
         """CPU seconds of the run with a number, by `TOTAL` and `STEPPING`, or why there are none."""
         limit, self._patience = self._limit_s + self._patience, 0.0
         late = threading.Event()
-        timer = threading.Timer(limit, lambda: (late.set(), self._process.kill()))
+
+        def give_up() -> None:
+            late.set()
+            self._process.kill()
+
+        timer = threading.Timer(limit, give_up)
         timer.start()
         try:
-            answer = self._ask(str(number)) and self._process.stdout.readline()
+            answer = self._ask(str(number)) and self._answers.readline()
         finally:
             timer.cancel()
         if answer:
@@ -156,22 +163,24 @@ class _Code:
         self._process.kill()
         self._process.wait()
         with suppress(BrokenPipeError):  # of a question that it did not live to read
-            self._process.stdin.close()
-        self._process.stdout.close()
+            self._questions.close()
+        self._answers.close()
         self._errors.close()
 
     def _start(self) -> None:
-        places = [*filter(None, [self._folder and str(self._folder), os.environ.get("PYTHONPATH")])]
+        places = [str(place) for place in (self._folder, os.environ.get("PYTHONPATH")) if place]
         self._errors = tempfile.TemporaryFile("w+")
         self._process = subprocess.Popen([sys.executable, "-P", "-c", _CHILD], text=True, stdin=subprocess.PIPE,
                                          stdout=subprocess.PIPE, stderr=self._errors,
                                          env=os.environ | {"PYTHONPATH": os.pathsep.join(places)})
+        assert self._process.stdin is not None and self._process.stdout is not None  # both are pipes
+        self._questions, self._answers = self._process.stdin, self._process.stdout
         self._ask(json.dumps([self._folder and str(self._folder), self._tasks]))
 
     def _ask(self, question: str) -> bool:
         try:
-            self._process.stdin.write(question + "\n")
-            self._process.stdin.flush()
+            self._questions.write(question + "\n")
+            self._questions.flush()
         except BrokenPipeError:  # its errors say why
             return False
         return True

@@ -197,7 +197,7 @@ def integrate(p, t_end, rtol):
         if error > 1.0:
             h *= factor
             continue
-        which = np.argmin(event)
+        which = int(np.argmin(event))
         if passed and event[which] >= -NOISE:
             h *= 0.5  # an event function fell below zero and returned
             continue

@@ -33,7 +33,9 @@ from stiction.engines.protocol import Engine
 from stiction.engines.registry import load_engine
 from stiction.scenes import Cost, Scene, Trajectory
 
-K, S, T = TypeVar("K"), TypeVar("S"), TypeVar("T")
+K = TypeVar("K")
+S = TypeVar("S")
+T = TypeVar("T")
 
 LEAST, MOST = 5, 8
 """Rounds that an interval of the level `intervals.CONFIDENCE` takes, and the first number of them at which it leaves

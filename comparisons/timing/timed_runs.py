@@ -55,7 +55,8 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated:
     runs: dict[str, Trajectory] = {}
     for task, outcome in simulations:
         if outcome.status == "ok":
-            key = computation(*task.args, outcome.value)
+            engine, scene, arguments = task.args
+            key = computation(engine, scene, arguments, outcome.value)
             tasks.setdefault(key, Task(task.label, visit, task.args))
             runs.setdefault(key, outcome.value)
     loads: list[float] = []
@@ -85,7 +86,8 @@ def timed(task: Task, outcome: Outcome, times: Mapping[str, Timing], budget_s: f
         return outcome
     reason = f"not timed: the rounds of its ladder, up to this rung, take more than {budget_s:g} s"
     untimed = Timing(outcome.value, reason=reason)
-    timing = times.get(computation(*task.args, outcome.value), untimed)
+    engine, scene, arguments = task.args
+    timing = times.get(computation(engine, scene, arguments, outcome.value), untimed)
     return replace(outcome, value=replace(timing, trajectory=with_cost(outcome.value, timing)))
 
 

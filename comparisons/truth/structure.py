@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import UnionType
-from typing import Any
+from typing import Any, get_args
 
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.scenes import Scene
@@ -84,9 +84,11 @@ class Match:
         """Return the element of a part; None where the scene has none."""
         return next(iter(self.elements[label].values()), None)
 
-    def name(self, label: str) -> str | None:
-        """Return the name of the element of a part; None where the scene has none."""
-        return next(iter(self.elements[label]), None)
+    def name(self, label: str) -> str:
+        """Return the name of the element of a part; raises KeyError where the scene has none."""
+        if not self.elements[label]:
+            raise KeyError(f"{label}: found none; expected an element of the scene")
+        return next(iter(self.elements[label]))
 
 
 @dataclass(frozen=True)
@@ -153,5 +155,5 @@ def _words(wanted: Any) -> str:
     if isinstance(wanted, Condition):
         return wanted.words
     if isinstance(wanted, type | UnionType):
-        return " or ".join(kind.__name__ for kind in getattr(wanted, "__args__", (wanted,)))
+        return " or ".join(kind.__name__ for kind in get_args(wanted) or (wanted,))
     return f"[{', '.join(map(_words, wanted))}]" if isinstance(wanted, tuple) else shown(wanted)

@@ -28,16 +28,19 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import BadTrajectory, accepted, installed_version
+from stiction.engines.shared.contact_friction import ContactFriction
 from stiction.engines.shared.contact_geometry import REACH, box_angle, direction_of, several_guides, slider_box
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
+from stiction.engines.shared.fixed_step import Defaults
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
 from stiction.scenes.model import Translational
 
-_SETTINGS = {"joint": {"passes": 2, "erp": 1.0},
-             "contact": {"iterations": 1000, "erp": 1.0, "shape": ("spheres", "box"),
-                         "detector": ("ODE", "FCL", "Bullet", "DART")}}
+_SETTINGS: Mapping[str, Defaults] = {
+    "joint": {"passes": 2, "erp": 1.0},
+    "contact": {"iterations": 1000, "erp": 1.0, "shape": ("spheres", "box"),
+                "detector": ("ODE", "FCL", "Bullet", "DART")}}
 _AT_REST = 1e-9
 """Of the largest rate of a joint: below, a slider in a mechanism that moves rests. What friction holds has 1e-14."""
 _MIXING = 1e-9
@@ -87,7 +90,7 @@ class DartEngine(TreeEngine):
         if fidelity == "joint":
             return None
         for name, guide in scene.frictional_guides.items():
-            for coefficient in (guide.mu, guide.static_coefficient):
+            for coefficient in (guide.kinetic_coefficient, guide.static_coefficient):
                 if 0 < coefficient <= _LEAST_FRICTION:
                     return (f"joints.{name}: found a coefficient of friction of {coefficient:g}; DART's contacts have "
                             f"none up to {_LEAST_FRICTION:g}")
@@ -95,7 +98,7 @@ class DartEngine(TreeEngine):
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         for name, drive in scene.drives.items():
-            if tree.links[driven_link(scene, tree, drive)[0]].joint is None:
+            if tree.links[motor_link(scene, tree, drive)[0]].joint is None:
                 return (f"drives.{name}: turns a body that no joint ties to the ground; DART drives a joint's "
                         "coordinates all or none")
         return None
@@ -134,7 +137,9 @@ def _skeletons(scene: Scene, tree: LinkTree, unit: float = 1.0) -> tuple[dict[in
     from dartpy.dynamics import (Inertia, PlanarJointProperties, PrismaticJointProperties, RevoluteJointProperties,
                                  Skeleton)
 
-    skeletons, joints, bodies = {}, {}, {}
+    skeletons: dict[int, Any] = {}
+    joints: dict[int, Any] = {}
+    bodies: dict[int, Any] = {}
     for i, link in enumerate(tree.links):
         if link.parent < 0:
             first = i
@@ -161,7 +166,7 @@ def _skeletons(scene: Scene, tree: LinkTree, unit: float = 1.0) -> tuple[dict[in
     return skeletons, joints, bodies
 
 
-def _placed(point: np.ndarray, angle: float) -> Any:
+def _placed(point: Sequence[float] | np.ndarray, angle: float) -> Any:
     """A place and an angle in the plane, as DART's transform."""
     from dartpy.math import Isometry3
 
@@ -204,7 +209,7 @@ class _DartStepper(TreeStepper):
                            for first, skeleton in skeletons.items()]
         self._rates: dict[int, float] = {}
         for drive in scene.drives.values():
-            self._joints[driven_link(scene, tree, drive)[0]].setActuatorType(ActuatorType.VELOCITY)
+            self._joints[motor_link(scene, tree, drive)[0]].setActuatorType(ActuatorType.VELOCITY)
         for skeleton in skeletons.values():
             world.addSkeleton(skeleton)
         self._put(self.position, self.velocity)
@@ -219,8 +224,8 @@ class _DartStepper(TreeStepper):
     def _close_loop(self, scene: Scene, name: str, links: Mapping[int, Any]) -> None:
         from dartpy.constraint import BallJointConstraint
 
-        joint = scene.joints[name]
-        (first, p), (second, _) = sorted(zip(joint.bodies, joint.points), key=lambda side: self.tree.link_of[side[0]],
+        pin = scene.pins[name]
+        (first, p), (second, _) = sorted(zip(pin.bodies, pin.points), key=lambda side: self.tree.link_of[side[0]],
                                          reverse=True)
         body, other = links[self.tree.link_of[first]], self.tree.link_of[second]
         place = body.getWorldTransform().multiply(_centre(self.tree.links[self.tree.link_of[first]].point) + (*p, 0.0))
@@ -283,6 +288,8 @@ class _JointStepper(_DartStepper):
 
 class _ContactStepper(_DartStepper):
     """Sliders between two fixed surfaces each."""
+
+    friction: ContactFriction
 
     def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any]):
         from dartpy.dynamics import Skeleton
@@ -376,14 +383,14 @@ def _spheres(guide: Translational) -> list[tuple[Any, Any]]:
     """Shapes of the slider, and their places from its centre of mass, which is the origin of the root of a tree."""
     from dartpy.dynamics import SphereShape
 
-    radius = _RADIUS * guide.width
+    radius = _RADIUS * guide.extent[1]
     return [(SphereShape(radius), _placed(corner, 0.0)) for corner in slider_box(guide, 2 * radius)]
 
 
 def _box(guide: Translational) -> list[tuple[Any, Any]]:
     from dartpy.dynamics import BoxShape
 
-    return [(BoxShape(np.array([guide.length, guide.width, 2 * _DEPTH])),
+    return [(BoxShape(np.array([*guide.extent, 2 * _DEPTH])),
              _placed(guide.slider_point, box_angle(guide)))]
 
 
@@ -392,14 +399,14 @@ def _half_spaces(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any
     from dartpy.dynamics import PlaneShape
 
     inward = np.array([-along[1], along[0]])
-    return [(PlaneShape(np.array([*normal, 0.0]), float(normal @ guide.point) - guide.width / 2),
+    return [(PlaneShape(np.array([*normal, 0.0]), float(normal @ guide.point) - guide.extent[1] / 2),
              _placed((0.0, 0.0), 0.0)) for normal in (inward, -inward)]
 
 
 def _walls(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any]]:
     from dartpy.dynamics import BoxShape
 
-    away, angle = np.array([-along[1], along[0]]) * (guide.width / 2 + _DEPTH), math.atan2(along[1], along[0])
+    away, angle = np.array([-along[1], along[0]]) * (guide.extent[1] / 2 + _DEPTH), math.atan2(along[1], along[0])
     return [(BoxShape(np.array([2 * REACH, 2 * _DEPTH, 4 * _DEPTH])), _placed(guide.point + side * away, angle))
             for side in (-1, 1)]
 

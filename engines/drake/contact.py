@@ -106,7 +106,9 @@ class Boxes:
         from pydrake.math import RigidTransform
 
         self._graph, self._source = graph, plant.get_source_id()
-        self._places, self._shapes, self._materials = {}, [], []
+        self._places: dict[Any, int] = {}
+        self._shapes: list[Any] = []
+        self._materials: list[Any] = []
         self._corners: list[list[tuple[Any, np.ndarray]]] = []
         self._guides: list[tuple[list[Any], list[Any]]] = []
         self._across: list[tuple[int, np.ndarray]] = []
@@ -114,10 +116,10 @@ class Boxes:
             link = tree.link_of[guide.slider]
             material = own.properties()
             ux, uy = direction_of(guide)
-            normal = np.array([-uy, ux, 0.0])
+            normal, half = np.array([-uy, ux, 0.0]), guide.extent[1] / 2
             point, origin = np.array([*guide.point, 0.0]), np.array([*tree.links[link].point, 0.0])
             surfaces = [plant.RegisterCollisionGeometry(plant.world_body(),
-                                                        HalfSpace.MakePose(inward, point - inward * (guide.width / 2)),
+                                                        HalfSpace.MakePose(inward, point - inward * half),
                                                         HalfSpace(),
                                                         f"surface-{number}-{side}", material)
                         for side, inward in enumerate((normal, -normal))]

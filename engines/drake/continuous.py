@@ -28,7 +28,7 @@ from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.inconsistent_start import refuse_off
-from stiction.engines.shared.joint_coordinates import driven_link
+from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.tree_engine import tree_of
@@ -98,9 +98,9 @@ def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | No
         raise EngineFailure(f"{engine.name}: {str(error).partition('. ')[0]}, after t = {instant:g} s with rtol = "
                             f"{rtol:g}") from error
     ended, engine_s = time.process_time(), simulation.clock.engine_s
-    q, v, a, normals = (np.array(part) for part in zip(*samples))
-    known, bodies = {}, list(scene.bodies)
-    for (name, guide), normal in zip(scene.frictional_guides.items(), normals.T):
+    q, v, a, forces = (np.array(part) for part in zip(*samples))
+    known, bodies = dict[str, np.ndarray](), list(scene.bodies)
+    for (name, guide), normal in zip(scene.frictional_guides.items(), forces.T):
         least = (
             _BY_STEP
             * guide.static_coefficient
@@ -108,14 +108,15 @@ def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | No
             * options["longest_step"]
             / scene.bodies[guide.slider].mass
         )
-        if guide.static_coefficient > guide.mu and options["stiction_tolerance"] < least:
+        if guide.static_coefficient > guide.kinetic_coefficient and options["stiction_tolerance"] < least:
             raise BadTrajectory(f"{engine.name}: stiction_tolerance: found {options['stiction_tolerance']:g}; expected "
                                 f"at least {least:.2g} m/s in joints.{name}, whose contacts are "
                                 f"loaded with up to {normal.max():.3g} N, with steps of up to "
                                 f"{options['longest_step']:g} s: below, static friction is lost")
         slip = v[:, 3 * bodies.index(guide.slider):][:, :2] @ direction_of(guide)
         mode = np.where(np.abs(slip) < _STICKS * options["stiction_tolerance"], 0, np.sign(slip)).astype(np.int8)
-        known |= {f"{name}.mode": mode, f"{name}.friction": np.where(mode, -mode * guide.mu * normal, np.nan)}
+        friction = np.where(mode, -mode * guide.kinetic_coefficient * normal, np.nan)
+        known |= {f"{name}.mode": mode, f"{name}.friction": friction}
     return Trajectory(scene=scene.name, engine=engine.name, version=engine.version, fidelity=fidelity, t=t,
                       columns=recover_columns(scene, t, q, v, a, known),
                       settings={"rtol": rtol, "method": METHOD, **options, "friction_law": FRICTION_LAW},
@@ -129,7 +130,7 @@ def _coefficients(mu: float, mus: float) -> tuple[float, float]:
     - 10)/f(10))/2 and f(x) = x/sqrt(1 + x^2) (Drake's `patch_constraints_pool.cc`): where the first factor falls the
     second still rises, and what is given is not reached.
     """
-    def f(x: np.ndarray | float) -> np.ndarray | float:
+    def f(x: Any) -> Any:
         return x / np.sqrt(1 + np.square(x))
 
     if mus == mu:
@@ -166,7 +167,7 @@ class _Simulation:
         plant, graph = AddMultibodyPlantSceneGraph(builder, links.plant)
         plant.set_contact_model(ContactModel.kPoint)
         plant.set_stiction_tolerance(options["stiction_tolerance"])
-        materials = [Material(options["stiffness"], *_coefficients(guide.mu, guide.static_coefficient),
+        materials = [Material(options["stiffness"], *_coefficients(guide.kinetic_coefficient, guide.static_coefficient),
                               options["dissipation"],
                               relaxation_time=0.0) for guide in scene.guides.values()]
         self._boxes = boxes = Boxes(scene, tree, links.bodies, plant, graph, materials)
@@ -261,10 +262,10 @@ class _Simulation:
             if not isinstance(drive.law, (Constant, Linear)):
                 raise Refused(f"drives.{name}: follows a law of its own; motors of Drake's continuous plant have a "
                               "constant rate here")
-            place, sign = driven_link(scene, self._tree, drive)
+            place, sign = motor_link(scene, self._tree, drive)
             link = self._tree.links[place]
             parent = self._tree.links[link.parent].body if link.parent >= 0 else None
             sides = [(3 * names.index(body) + 2, way) for body, way in ((link.body, 1), (parent, -1))
                      if body is not None]
-            found.append((place, sign * evaluate_law(drive.law, 0.0)[1], _GAIN * mass[place, place], sides))
+            found.append((place, sign * evaluate_law(drive.law, 0.0)[1], _GAIN * float(mass[place, place]), sides))
         return found

@@ -32,7 +32,8 @@ from stiction.engines.drake.contact import Boxes, Material, corner_inertias
 from stiction.engines.drake.continuous import METHOD, run_continuous
 from stiction.engines.drake.plant import Plant, centre, start_mass
 from stiction.engines.protocol import accepted, installed_version
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
+from stiction.engines.shared.contact_friction import ContactFriction
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene, Trajectory
@@ -114,13 +115,13 @@ class _DrakeStepper(TreeStepper):
         self._plant = plant = self._links.plant
         plant.SetUseSampledOutputPorts(False)
         for name in tree.loops:
-            joint = scene.joints[name]
-            sides = [self._side(tree, body, point) for body, point in zip(joint.bodies, joint.points)]
+            pin = scene.pins[name]
+            sides = [self._side(tree, body, point) for body, point in zip(pin.bodies, pin.points)]
             plant.AddBallConstraint(*sides[0], *sides[1])
         self._mass = start_mass(scene, tree)
-        driven = [driven_link(scene, tree, drive)[0] for drive in scene.drives.values()]
+        driven = [motor_link(scene, tree, drive)[0] for drive in scene.drives.values()]
         self._servos = {link: place for place, link in enumerate([*self.friction_links, *driven])}
-        self._brakes = [self._add_servo(link, _GAIN * self._mass[link, link] / h)
+        self._brakes = [self._add_servo(link, _GAIN * float(self._mass[link, link]) / h)
                         for link in self._servos][:len(self.friction_links)]
         self._links.finalize(self._surround(scene))
         self._context = self._links.context
@@ -207,6 +208,8 @@ class _JointStepper(_DrakeStepper):
 class _ContactStepper(_DrakeStepper):
     """Sliders as boxes whose corners touch the guide's surfaces."""
 
+    friction: ContactFriction
+
     def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any]):
         for name in ("near_rigid", "stiction_tolerance"):
             if not options[name] > 0:
@@ -228,7 +231,7 @@ class _ContactStepper(_DrakeStepper):
             DiscreteContactApproximation.__members__[f"k{options['approximation'].capitalize()}"]
         )
         rate = 2 * math.pi / (options["near_rigid"] * self.h)
-        driven = [driven_link(scene, self.tree, drive)[0] for drive in scene.drives.values()]
+        driven = [motor_link(scene, self.tree, drive)[0] for drive in scene.drives.values()]
         materials = [Material(rate ** 2 * inertia, 0.0, 0.0, options["dissipation"], relaxation_time=self.h)
                      for inertia in corner_inertias(scene, self.tree, self.position, self._mass, driven)]
         self._boxes = Boxes(scene, self.tree, self._links.bodies, plant, graph, materials)

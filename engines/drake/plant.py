@@ -40,7 +40,8 @@ class Plant:
 
         self.plant = plant = MultibodyPlant(time_step)
         plant.mutable_gravity_field().set_gravity_vector([*(scene.gravity or (0.0, 0.0)), 0.0])
-        self.bodies, self.joints = [], []
+        self.bodies: list[Any] = []
+        self.joints: list[Any] = []
         for i, link in enumerate(tree.links):
             if link.body is None:
                 inertia = (

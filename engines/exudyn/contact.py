@@ -49,12 +49,13 @@ class ContactGuide:
         n = np.array([-u[1], u[0]])
         c, s = cos(joint.angle), sin(joint.angle)
         to_slider = np.array([[c, s], [-s, c]])  # from the axes of the guide to those of the slider
-        radius, reach = _RADIUS * joint.width, _REACH * joint.length
+        length, width = joint.extent
+        radius, reach = _RADIUS * width, _REACH * length
         plane = model.rigid(joint.guide, joint.point)
         self._contacts = []
         for along, across in CORNERS:
-            centre = to_slider @ (0.5 * along * joint.length * u + across * (0.5 * joint.width - radius) * n)
-            surface = 0.5 * across * joint.width * n
+            centre = to_slider @ (0.5 * along * length * u + across * (0.5 * width - radius) * n)
+            surface = 0.5 * across * width * n
             points = [[*(surface + x * reach * u), z * reach] for x, z in ((-1.0, -1.0), (1.0, -1.0), (0.0, 1.0))]
             data = system.AddNode(items.NodeGenericData(initialCoordinates=[0.0] * 4, numberOfDataCoordinates=4))
             self._contacts.append(system.AddObject(items.ObjectContactSphereTriangle(
@@ -79,7 +80,7 @@ class ContactGuide:
         direction = np.stack([c * u[0] - s * u[1], s * u[0] + c * u[1]], axis=1)
         normal = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
         along, across = np.einsum("nki,ni->nk", forces, direction), np.einsum("nki,ni->nk", forces, normal)
-        places = 0.5 * np.array(CORNERS) * (joint.length, joint.width)
+        places = 0.5 * np.array(CORNERS) * joint.extent
         columns = {f"{self.name}.normal_force": across.sum(axis=1),
                    f"{self.name}.moment": across @ places[:, 0] - along @ places[:, 1],
                    **{f"{self.name}.F{k + 1}": -CORNERS[k][1] * across[:, k] for k in range(4)}}

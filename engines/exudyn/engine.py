@@ -11,7 +11,7 @@ import io
 import math
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide
 from stiction.engines.exudyn.contact import ContactGuide
-from stiction.engines.exudyn.friction import FrictionalGuide
+from stiction.engines.exudyn.friction import FrictionalGuide, SlidingGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.script import exudyn_script
 from stiction.engines.exudyn.solver import INTEGRATORS
@@ -202,18 +202,22 @@ class _Simulation:
 
 
 class _Joints(_Simulation):
+    _frictional: Sequence[SlidingGuide]
+
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         self.scene = scene
-        self._frictional: list[FrictionalGuide] = []
-        self.model = Model(scene, extend=self._add_friction)
+        guides: list[FrictionalGuide] = []
+
+        def add_friction(model: Model) -> None:
+            guides.extend(FrictionalGuide(model, name, guide) for name, guide in scene.frictional_guides.items()
+                          if guide.static_coefficient > 0)
+
+        self.model = Model(scene, extend=add_friction)
         settings = _solver_settings(self.model, h, options)
         # a Jacobian of the step, where its solution is repeated for the friction; else one from before costs less
-        settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(self._frictional)
-        self.stepper = Stepper(self.model, self._frictional, h, settings)
-
-    def _add_friction(self, model: Model) -> None:
-        self._frictional += [FrictionalGuide(model, name, guide) for name, guide in self.scene.frictional_guides.items()
-                             if guide.static_coefficient > 0]
+        settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(guides)
+        self.stepper = Stepper(self.model, guides, h, settings)
+        self._frictional = guides
 
     def _guides(self, samples: list[Sample], q: np.ndarray) -> dict[str, np.ndarray]:
         columns = {}
@@ -232,25 +236,24 @@ class _Bristles(_Joints):
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         self.scene = scene
-        self._frictional: list[BristleGuide] = []
+        guides: list[BristleGuide] = []
 
         def add_bristles(model: Model) -> None:
-            self._frictional += [BristleGuide(model, name, guide,
-                                              *(options[key]
-                                                for key in ("bristle_stiffness", "bristle_damping", "static_decay")), h)
-                                 for name, guide in scene.frictional_guides.items() if guide.mu
-                                 or guide.static_coefficient]
+            guides.extend(BristleGuide(model, name, guide, options["bristle_stiffness"], options["bristle_damping"],
+                                       options["static_decay"], h)
+                          for name, guide in scene.frictional_guides.items() if guide.mu or guide.static_coefficient)
 
         self.model = Model(scene, extend=add_bristles)
-        for guide in self._frictional:
+        for guide in guides:
             guide.bind(self.model)
-        self.stepper = Stepper(self.model, [], h, _solver_settings(self.model, h, options),
-                               record=lambda: [guide.record() for guide in self._frictional],
-                               before_step=self._renew)
 
-    def _renew(self, multipliers: np.ndarray) -> None:
-        for guide in self._frictional:
-            guide.renew(multipliers)
+        def renew(multipliers: np.ndarray) -> None:
+            for guide in guides:
+                guide.renew(multipliers)
+
+        self._frictional = guides
+        self.stepper = Stepper(self.model, [], h, _solver_settings(self.model, h, options),
+                               record=lambda: [guide.record() for guide in guides], before_step=renew)
 
 
 class _Contacts(_Simulation):

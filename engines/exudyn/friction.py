@@ -26,7 +26,7 @@ class SlidingGuide:
     def __init__(self, model: Model, name: str, joint: Translational):
         self.name, self.joint = name, joint
         self.system = model.system
-        self.coefficient, self.mus = joint.mu, joint.static_coefficient
+        self.coefficient, self.mus = joint.kinetic_coefficient, joint.static_coefficient
         self.lever = 2.0 / joint.length if joint.length else 0.0
         self.half_width = 0.5 * (joint.width or 0.0)
         self.slider = 3 * model.index[joint.slider]
@@ -109,6 +109,8 @@ class FrictionalGuide(SlidingGuide):
         self.mode = mode
         self.system.SetObjectParameter(self._connector, "activeConnector", mode == 0)
         if mode == 0:
+            if q is None:
+                raise ValueError("q: found none; expected the place at which the guide sticks")
             self.system.SetObjectParameter(self._connector, "offset", self.displacement(q))
             self._apply(0.0)
 

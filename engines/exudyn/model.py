@@ -164,12 +164,12 @@ class Model:
     def _general_drive(self, name: str, drive: Drive) -> int:
         measure = PointDistance(drive)
 
-        def residual(system, t, item, q, rates, velocity_level):
+        def residual(system: Any, t: float, item: int, q: Any, rates: Any, velocity_level: bool) -> list[float]:
             value, row = measure(q)
             law, law_rate, _ = evaluate_law(drive.law, t)
             return [float(row @ rates) - law_rate if velocity_level else value - law]
 
-        def jacobian(system, t, item, q, rates, velocity_level):
+        def jacobian(system: Any, t: float, item: int, q: Any, rates: Any, velocity_level: bool) -> np.ndarray:
             return measure(q)[1].reshape(1, -1)
 
         markers = [self.system.AddMarker(self.items.MarkerNodeCoordinates(nodeNumber=self.nodes[body]))
@@ -203,7 +203,7 @@ class Model:
     def _spring_along_moving_axis(self, name: str, spring: LinearSpring) -> None:
         measure = PointDistance(spring)
 
-        def force(system, t, item, q, rates):
+        def force(system: Any, t: float, item: int, q: Any, rates: Any) -> np.ndarray:
             value, row = measure(q)
             return row * -(spring.stiffness * (value - spring.rest_length) + spring.damping * float(row @ rates))
 
@@ -234,17 +234,19 @@ class Model:
 
         vector = name == "loadVectorUserFunction"
         if isinstance(law, (Constant, Linear, Sine)):
-            def value(t):
+            def value(t: Any) -> Any:
                 return self._expression(law, t, derivative)
         else:
-            def value(t):
+            def value(t: Any) -> Any:
                 return evaluate_law(law, t)[derivative]
-        if vector:
-            def function(system, t, load):
-                return [value(t) * load[0], value(t) * load[1], value(t) * load[2]]
-        else:
-            def function(system, t, item, offset):
-                return value(t)
+
+        def of_load(system: Any, t: Any, load: Any) -> list[Any]:
+            return [value(t) * load[0], value(t) * load[1], value(t) * load[2]]
+
+        def of_item(system: Any, t: Any, item: Any, offset: Any) -> Any:
+            return value(t)
+
+        function: Callable[..., Any] = of_load if vector else of_item
         if not isinstance(law, (Constant, Linear, Sine)):
             return function
         function = CreateSymbolicUserFunction(self.system, function, name, itemTypeName=item)

@@ -121,9 +121,8 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
     guides: list[BristleGuide] = []
 
     def add_bristles(model: Model) -> None:
-        guides.extend(BristleGuide(model, name, joint,
-                                   *(options[key] for key in ("bristle_stiffness", "bristle_damping", "static_decay")),
-                                   dt)
+        guides.extend(BristleGuide(model, name, joint, options["bristle_stiffness"], options["bristle_damping"],
+                                   options["static_decay"], dt)
                       for name, joint in scene.frictional_guides.items() if joint.static_coefficient)
 
     model = _Written(scene, extend=add_bristles)
@@ -222,8 +221,9 @@ class _Written(Model):
         return []
 
     def _joint(self, name: str, joint: Any) -> Any:
-        self.objects[name] = super()._joint(name, joint)
-        return self.objects[name]
+        made: Any = super()._joint(name, joint)
+        self.objects[name] = made
+        return made
 
     def _general_drive(self, name: str, drive: Drive) -> Any:
         raise Refused(f"drives.{name}: Exudyn has no item for it, and the adapter's function is not written as a "

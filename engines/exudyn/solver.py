@@ -67,8 +67,9 @@ class Solver:
         self._initialize_solver()
         self.coordinates = len(self._data.GetODE2Coordinates())
         self.constraints = len(self._data.GetAECoordinates())
-        self.open_rows = self._open_rows()
-        self.redundant = self.open_rows is not None
+        found = self._open_rows()
+        self.redundant = found is not None
+        self.open_rows = np.zeros(0, dtype=np.int64) if found is None else found
         if not self.redundant:
             linear.solverType, linear.ignoreSingularJacobian = exudyn.LinearSolverType.EXUdense, False
             self._initialize_solver()

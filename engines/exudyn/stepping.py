@@ -286,7 +286,7 @@ class Stepper:
         a, _ = self._start(state.t, state.q, state.v)
         turns = [guide.mode * guide.slip_acceleration(state.q, state.v, a) > 0.0 for guide in guides]
         for guide in guides:
-            guide.coefficient = guide.joint.mu
+            guide.coefficient = guide.joint.kinetic_coefficient
             if not all(turns):
                 guide.switch(0, state.q)
 

@@ -64,6 +64,11 @@ def numbers(*values: float) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
+def add(parent: xml.Element, tag: str, **attributes: str) -> xml.Element:
+    """Add an element with these attributes."""
+    return xml.SubElement(parent, tag, attributes)
+
+
 def surface(guide: str, side: str) -> str:
     """Name of the plane of a guide's surface, of its contacts and of their sensor."""
     return f"{guide}.{side}"
@@ -96,26 +101,27 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
     contact, sensor = xml.SubElement(root, "contact"), xml.SubElement(root, "sensor")
     untouched = {"contype": "0", "conaffinity": "0"}  # nothing touches but pairs
     for name, guide in scene.guides.items():
-        radius = _ROUNDING * guide.width
+        _, width = guide.extent
+        radius = _ROUNDING * width
         link = tree.link_of[guide.slider]
         origin = tree.links[link].point
         ux, uy = direction_of(guide)
         corners = slider_box(guide, softness.clearance)
         for side, sign in SIDES.items():
             inward = _inward(guide, corners, side)
-            place = (guide.point[0] + sign * uy * guide.width / 2, guide.point[1] - sign * ux * guide.width / 2)
-            xml.SubElement(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1",
-                           pos=numbers(*place, 0.0),
-                           zaxis=numbers(-sign * uy, sign * ux, 0.0), **untouched)
+            place = (guide.point[0] + sign * uy * width / 2, guide.point[1] - sign * ux * width / 2)
+            add(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1",
+                pos=numbers(*place, 0.0),
+                zaxis=numbers(-sign * uy, sign * ux, 0.0), **untouched)
             for k in _CORNERS[side]:
                 x, y = corners[k]
-                xml.SubElement(elements[link], "geom", name=f"{name}.corner{k + 1}", type="sphere", size=repr(radius),
-                               pos=numbers(x + radius * inward[0] - origin[0], y + radius * inward[1] - origin[1], 0.0),
-                               **untouched)
-                friction = {"friction": numbers(guide.mu, guide.mu, 0.0, 0.0, 0.0),
+                add(elements[link], "geom", name=f"{name}.corner{k + 1}", type="sphere", size=repr(radius),
+                    pos=numbers(x + radius * inward[0] - origin[0], y + radius * inward[1] - origin[1], 0.0),
+                    **untouched)
+                friction = {"friction": numbers(guide.kinetic_coefficient, guide.kinetic_coefficient, 0.0, 0.0, 0.0),
                             "solreffriction": numbers(-1.0, -softness.impedance / timestep)} \
                     if guide.frictional else {}
-                xml.SubElement(
+                add(
                     contact,
                     "pair",
                     name=f"{surface(name, side)}.{k + 1}",

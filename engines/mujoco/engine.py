@@ -33,10 +33,11 @@ from stiction.engines.mujoco.contact import SIDES, Softness, slip_damping, slip_
 from stiction.engines.mujoco.loads import ROTOR
 from stiction.engines.mujoco.mjcf import START, Options, joint_name, mjcf
 from stiction.engines.protocol import EngineFailure, Refused, accepted
+from stiction.engines.shared.contact_friction import ContactFriction
 from stiction.engines.shared.contact_geometry import direction_of
-from stiction.engines.shared.fixed_step import settings_of
+from stiction.engines.shared.fixed_step import Defaults, settings_of
 from stiction.engines.shared.friction_cap import CAPPED, CONTACT
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, driven_link
+from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine, tree_of
 from stiction.scenes import InputError, Scene
@@ -47,12 +48,13 @@ DEEPEST = 495
 """Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
 HARDEST = 0.9999
 """Impedance of what is to be hard: MuJoCo's own limit."""
-_SETTINGS = {"joint": {"iterations": 20, "passes": 2, "impedance": HARDEST, "solver": ("PGS", "Newton", "CG"),
-                       "noslip": ("on", "off"),
-                       "integrator": ("Euler", "implicitfast", "discrete", "RK4")},
-             "contact": {"iterations": 100, "impedance": 2 / 3, "recovery": 0.8, "slip_reference": 1.5,
-                         "clearance": 0.0, "solver": ("Newton", "CG"),
-                         "friction_damping": ("adapted", "step")}}
+_SETTINGS: Mapping[str, Defaults] = {
+    "joint": {"iterations": 20, "passes": 2, "impedance": HARDEST, "solver": ("PGS", "Newton", "CG"),
+              "noslip": ("on", "off"),
+              "integrator": ("Euler", "implicitfast", "discrete", "RK4")},
+    "contact": {"iterations": 100, "impedance": 2 / 3, "recovery": 0.8, "slip_reference": 1.5,
+                "clearance": 0.0, "solver": ("Newton", "CG"),
+                "friction_damping": ("adapted", "step")}}
 _MOST_FRICTION = 1.5
 """Up to which a sliding box of 3 : 1 is braked right to 1 %; by 1.08 and 1.25 times as much at 1.75 and 2, and at 2.5
 it is stopped."""
@@ -88,7 +90,7 @@ class MujocoEngine(TreeEngine):
         if reason := super().refusal(scene, fidelity):
             return reason
         for name, guide in scene.frictional_guides.items() if fidelity == "contact" else ():
-            if (largest := max(guide.mu, guide.static_coefficient)) > _MOST_FRICTION:
+            if (largest := max(guide.kinetic_coefficient, guide.static_coefficient)) > _MOST_FRICTION:
                 return (f"joints.{name}: found a coefficient of friction of {largest:g}; above {_MOST_FRICTION:g} "
                         "MuJoCo's contacts brake a slider that tips "
                         "on its corners too much")
@@ -153,7 +155,7 @@ def _written(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, optio
              loaded: bool = False) -> str:
     """The MJCF of a scene that is not refused; without loads unless `loaded`, as the adapter applies them."""
     driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values()
-              for link, sign in [driven_link(scene, tree, drive)]}
+              for link, sign in [motor_link(scene, tree, drive)]}
     if fidelity == "joint":
         softness, own = None, (options["impedance"], options["solver"], options["integrator"],
                                options["noslip"] == "on")
@@ -250,6 +252,8 @@ class _JointStepper(_Stepper):
 class _ContactStepper(_Stepper):
     """Sliders as boxes between two planes each."""
 
+    friction: ContactFriction
+
     def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
         super().__init__(scene, tree, h, options, warnings, "contact", capped=False)
         model, self._impedance, self._adapted = (
@@ -259,8 +263,8 @@ class _ContactStepper(_Stepper):
         )
         self._times = partial(slip_reference, options["slip_reference"], self._impedance)
         self._bounds, self._references = (
-            memoryview(model.pair_friction.reshape(-1)),
-            memoryview(model.pair_solreffriction.reshape(-1)),
+            model.pair_friction.reshape(-1).data,
+            model.pair_solreffriction.reshape(-1).data,
         )
         self._guides = []
         for name, guide in scene.frictional_guides.items():

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from math import cos, hypot, sin
 from xml.etree import ElementTree as xml
 
-from stiction.engines.mujoco.contact import numbers
-from stiction.engines.shared.joint_coordinates import driven_link, link_along
+from stiction.engines.mujoco.contact import add, numbers
+from stiction.engines.shared.joint_coordinates import link_along, motor_link
 from stiction.engines.shared.law_expression import law_expression
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene
@@ -76,22 +76,22 @@ def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sce
     def add_actuator(kind: str, name: str, body: str, point: Iterable[float], direction: tuple[float, float],
                      torque: float = 0.0, **more: str) -> None:
         """Add one that acts on a body's point in the axes of the ground."""
-        xml.SubElement(actuators, kind, name=name, site=add_site(elements, tree, f"{name}.1", body, point),
-                       refsite=_WORLD, gear=numbers(*direction, 0.0, 0.0, 0.0, torque), **more)
+        add(actuators, kind, name=name, site=add_site(elements, tree, f"{name}.1", body, point),
+            refsite=_WORLD, gear=numbers(*direction, 0.0, 0.0, 0.0, torque), **more)
 
     for name, spring in scene.springs.items():
         constants = {"stiffness": repr(spring.stiffness), "damping": repr(spring.damping)}
         if isinstance(spring, LinearSpring) and spring.axis is None:
-            tendon = xml.SubElement(tendons, "spatial", name=name, springlength=repr(spring.rest_length), **constants)
+            tendon = add(tendons, "spatial", name=name, springlength=repr(spring.rest_length), **constants)
             for number, (body, point) in enumerate(zip(spring.bodies, spring.points), start=1):
                 xml.SubElement(tendon, "site", site=add_site(elements, tree, f"{name}.{number}", body, point))
         elif (found := _coordinate(scene, tree, spring)) is not None:
             terms, rest = found
             turned = -1.0 if rest < 0 else 1.0  # a length of -1 is MuJoCo's word for that at joint coordinates 0
-            tendon = xml.SubElement(tendons, "fixed", name=name, springlength=repr(turned * rest), **constants)
+            tendon = add(tendons, "fixed", name=name, springlength=repr(turned * rest), **constants)
             for link, sign in terms:
                 xml.SubElement(tendon, "joint", joint=joints[link], coef=repr(turned * sign))
-        elif spring.bodies[1] == GROUND:
+        elif isinstance(spring, LinearSpring) and spring.axis is not None and spring.bodies[1] == GROUND:
             (px, py), (ax, ay), length = spring.points[1], spring.axis, hypot(*spring.axis)
             rest = spring.rest_length + (ax * px + ay * py) / length
             add_actuator("general", name, spring.bodies[0], spring.points[0], (ax / length, ay / length),
@@ -113,7 +113,7 @@ def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sce
     for name, drive in scene.drives.items():
         if isinstance(drive.law, (Constant, Linear)):
             continue
-        link, sign = driven_link(scene, tree, drive)
+        link, sign = motor_link(scene, tree, drive)
         xml.SubElement(actuators, "motor", name=name, joint=joints[link], gear=repr(ROTOR))
         loads.ctrl.append(0.0)
         offset = float(position[link] - sign * evaluate_law(drive.law, 0.0)[0])
@@ -130,10 +130,12 @@ def _coordinate(scene: Scene, tree: LinkTree,
     if isinstance(spring, TorsionalSpring):
         terms = tree.hinge_between(*spring.bodies)
         return terms, spring.rest_angle - sum(sign * tree.links[link].angle for link, sign in terms)
-    if (found := link_along(scene, tree, spring.bodies, spring.axis)) is None:
+    if spring.axis is None or (found := link_along(scene, tree, spring.bodies, spring.axis)) is None:
         return None
     link, sign = found
-    guide, (p, q), length = scene.joints[tree.links[link].joint], spring.points, hypot(*spring.axis)
+    if (name := tree.links[link].joint) is None:
+        return None
+    guide, (p, q), length = scene.guides[name], spring.points, hypot(*spring.axis)
     c, s = cos(guide.angle), sin(guide.angle)
     x, y = p[0] - guide.slider_point[0], p[1] - guide.slider_point[1]
     across = (c * x - s * y + guide.point[0] - q[0], s * x + c * y + guide.point[1] - q[1])

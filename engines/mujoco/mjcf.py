@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree as xml
 
-from stiction.engines.mujoco.contact import HARDER, Softness, add_guides, numbers
+from stiction.engines.mujoco.contact import HARDER, Softness, add, add_guides, numbers
 from stiction.engines.mujoco.loads import ROTOR, Loads, add_loads, add_site
 from stiction.engines.shared.link_tree import Link, LinkTree
 from stiction.scenes import Scene
@@ -111,10 +111,10 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
     if tree.loops:
         equality = xml.SubElement(root, "equality")
         for name in tree.loops:
-            joint = scene.joints[name]
-            for side, (body, point) in enumerate(zip(joint.bodies, joint.points), start=1):
-                add_site(elements, tree, f"{name}.{side}", body, point)
-            xml.SubElement(equality, "connect", name=name, site1=f"{name}.1", site2=f"{name}.2", **soft)
+            pin = scene.pins[name]
+            for side, (held, point) in enumerate(zip(pin.bodies, pin.points), start=1):
+                add_site(elements, tree, f"{name}.{side}", held, point)
+            add(equality, "connect", name=name, site1=f"{name}.1", site2=f"{name}.2", **soft)
     if softness is not None:
         add_guides(root, elements, scene, tree, softness, timestep)
     position, velocity = tree.coordinates(scene)
@@ -155,4 +155,4 @@ def _joint(body: xml.Element, link: Link, name: str, scene: Scene, driven: bool,
     rotor = {"armature": repr(ROTOR)} if driven else {}
     friction = {"frictionloss": repr(_PLACEHOLDER), "solreffriction": soft["solref"],
                 "solimpfriction": soft["solimp"]} if name in scene.frictional_guides else {}
-    xml.SubElement(body, "joint", name=name, **kind, **rotor, **friction)
+    add(body, "joint", name=name, **kind, **rotor, **friction)

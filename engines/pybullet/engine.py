@@ -32,7 +32,9 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import accepted, installed_version
+from stiction.engines.shared.contact_friction import ContactFriction
 from stiction.engines.shared.contact_geometry import REACH, box_angle, crowded, direction_of, several_guides
+from stiction.engines.shared.fixed_step import Defaults
 from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
@@ -57,9 +59,10 @@ a microsecond a call."""
 _SETTLING = 16
 """Steps in which the joints that close loops settle at the position error they keep; measured: to 1e-3 of their
 start's."""
-_SETTINGS = {"joint": {"iterations": 50, "passes": 2, "erp": 1.0},
-             "contact": {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5,
-                         "cone_friction": ("on", "off")}}
+_SETTINGS: Mapping[str, Defaults] = {
+    "joint": {"iterations": 50, "passes": 2, "erp": 1.0},
+    "contact": {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5,
+                "cone_friction": ("on", "off")}}
 
 
 class PybulletEngine(TreeEngine):
@@ -113,7 +116,7 @@ def _quiet() -> Iterator[None]:
         os.close(kept)
 
 
-def _pybullet():
+def _pybullet() -> Any:
     """The library, imported when it is needed."""
     if "pybullet" in sys.modules:
         return sys.modules["pybullet"]
@@ -192,23 +195,23 @@ class _PybulletStepper(TreeStepper):
         self._place_gains, self._rate_gains = [_PLACE_GAIN] * braked, [_RATE_GAIN] * braked
         self._braked = list(enumerate(self.friction_links))
         self._world = bullet.WORLD_FRAME
-        self._pushers = [(3 * i, *(partial(apply, self._multibody, tree.link_of[name])
-                                   for apply in (bullet.applyExternalForce, bullet.applyExternalTorque)))
+        self._pushers = [(3 * i, partial(bullet.applyExternalForce, self._multibody, tree.link_of[name]),
+                          partial(bullet.applyExternalTorque, self._multibody, tree.link_of[name]))
                          for i, name in enumerate(scene.bodies) if name in loaded]
         # of single numbers a view of the memory is read and written in half the time of an array
         self._positions, self._velocities, self._held = (
-            memoryview(self.position),
-            memoryview(self.velocity),
-            memoryview(self.held),
+            self.position.data,
+            self.velocity.data,
+            self.held.data,
         )
         # forces act where PyBullet last looked for the links: at the start of the step before, or where `_put` set them
         self._seen = np.zeros(len(self.coordinates))
-        self._places, self._forces = memoryview(self._seen), memoryview(self.loads)
+        self._places, self._forces = self._seen.data, self.loads.data
         if tree.loops:
             self.settling = _SETTLING
         self._put(self.position, self.velocity)
         for name in tree.loops:
-            self._close_loop(scene.joints[name])
+            self._close_loop(scene.pins[name])
         self.add_drives(scene)
 
     def _close_loop(self, joint: Revolute) -> None:
@@ -266,10 +269,12 @@ class _JointStepper(_PybulletStepper):
 class _ContactStepper(_PybulletStepper):
     """Sliders as boxes between two fixed boxes each."""
 
+    friction: ContactFriction
+
     def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], client: int):
         bullet = _pybullet()
         shapes = {tree.link_of[guide.slider]: bullet.createCollisionShape(
-            bullet.GEOM_BOX, halfExtents=[guide.length / 2, guide.width / 2, _DEPTH],
+            bullet.GEOM_BOX, halfExtents=[guide.extent[0] / 2, guide.extent[1] / 2, _DEPTH],
             collisionFramePosition=[*guide.slider_point, 0.0],  # from the centre of mass: a free link's frame
             collisionFrameOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, box_angle(guide)]),
             physicsClientId=client) for guide in scene.guides.values()}
@@ -292,7 +297,7 @@ class _ContactStepper(_PybulletStepper):
         """The box whose face lies half the slider's width to the right of `along`."""
         bullet = self._bullet
         inward = np.array([-along[1], along[0]])
-        centre = guide.point - inward * (guide.width / 2 + _DEPTH)
+        centre = guide.point - inward * (guide.extent[1] / 2 + _DEPTH)
         shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[REACH, _DEPTH, 2 * _DEPTH],
                                             physicsClientId=self._client)
         body = bullet.createMultiBody(

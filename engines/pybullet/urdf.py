@@ -37,7 +37,7 @@ def urdf(scene: Scene) -> str:
     position, velocity = tree.coordinates(scene)
     for i, (link, name) in enumerate(zip(tree.links, names)):
         element = xml.SubElement(root, "link", name=name)
-        data = scene.bodies.get(link.body)
+        data = None if link.body is None else scene.bodies[link.body]
         _inertial(element, link.point, *((data.mass, data.inertia) if data else (0.0, 0.0)))
         joint = xml.SubElement(root, "joint", name=link.joint or f"{name}-joint", type="prismatic" if link.slides
                                else "continuous")

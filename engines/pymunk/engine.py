@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,10 +38,11 @@ from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.step_kernels import (SpaceContacts, SpaceMotion, SpaceStep, begin_space, finish_space,
                                                   finish_space_contacts, follow_space)
+from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
-from stiction.scenes.model import Drive, Revolute, Translational
+from stiction.scenes.model import Drive, Translational
 
 if TYPE_CHECKING:
     from pymunk import Body, GrooveJoint, Space
@@ -136,7 +137,7 @@ class _PymunkStepper(Stepper):
         space.iterations = options["iterations"]
         if scene.gravity is not None:
             space.gravity = scene.gravity
-        self._bodies = []
+        self._bodies: list[Body] = []
         named = {GROUND: space.static_body}
         for name, data in scene.bodies.items():
             body = pymunk.Body(data.mass, math.inf if name in fixed else data.inertia)
@@ -146,10 +147,9 @@ class _PymunkStepper(Stepper):
             self._bodies.append(body)
             named[name] = body
         self._bias = options["error_bias"]
-        self._targets = []
-        for joint in scene.joints.values():
-            if isinstance(joint, Revolute):
-                self._add(pymunk.PivotJoint(*(named[name] for name in joint.bodies), *joint.points))
+        self._targets: list[Callable[[float], None]] = []
+        for pin in scene.pins.values():
+            self._add(pymunk.PivotJoint(named[pin.bodies[0]], named[pin.bodies[1]], *pin.points))
         for drive in scene.drives.values():
             self._drive(drive, *(named[name] for name in drive.bodies))
         self._named = named
@@ -157,7 +157,7 @@ class _PymunkStepper(Stepper):
         self.balance = MomentumBalance(scene) if self._loaded or scene.frictional_guides else None
         self._state = _SpaceState(space, [body.id for body in self._bodies], h)
 
-    def _add(self, constraint) -> None:
+    def _add(self, constraint: Any) -> None:
         constraint.error_bias = self._bias
         self._space.add(constraint)
 
@@ -202,7 +202,8 @@ class _PymunkStepper(Stepper):
 
         Without any it is none of the adapter's.
         """
-        self._grooves, self._bundle, self.balanced = grooves, None, bool(grooves)
+        self._grooves, self.balanced = grooves, bool(grooves)
+        self._bundle: SpaceStep | None = None
         self.settling = 1 if grooves else 2  # boxes land in the first step
         if self.balance is None:
             return
@@ -211,7 +212,7 @@ class _PymunkStepper(Stepper):
                                  pushed=self._state.loads)
 
     def compile(self) -> None:
-        if self._bundle is None:
+        if self._bundle is None or self.balance is None:
             follow_space(self._state.motion)
             return
         start, motion = self.balance.initial, self._state.motion
@@ -223,9 +224,10 @@ class _PymunkStepper(Stepper):
 
     def begin(self, q: np.ndarray, v: np.ndarray) -> None:
         """Begin the first step of a scene with loads or friction, at these coordinates and velocities."""
-        finish_space.link()
+        link_kernels(finish_space)
         self._state.restart(q, v)
-        begin_space(self._bundle, self._h)
+        if self._bundle is not None:
+            begin_space(self._bundle, self._h)
 
     def step(self) -> None:
         self._k += 1
@@ -373,6 +375,8 @@ class _JointStepper(_PymunkStepper):
 class _ContactStepper(_PymunkStepper):
     """Sliders as boxes between the two segments of their guides."""
 
+    friction: CoefficientSwitch
+
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         import pymunk
         from pymunk import batch
@@ -385,19 +389,19 @@ class _ContactStepper(_PymunkStepper):
         )
         space = self._space
         space.collision_slop, space.collision_bias = options["collision_slop"], options["collision_bias"]
-        self._boxes, directions = [], []
+        boxes, directions = [], []
         for number, guide in enumerate(scene.guides.values()):
             category = pymunk.ShapeFilter(categories=1 << number, mask=1 << number)
             box = pymunk.Poly(self._named[guide.slider], slider_box(guide, options["clearance"]))
             along = np.array(guide.direction) * (_GROOVE / math.hypot(*guide.direction))
-            across = np.array([-along[1], along[0]]) * (guide.width / 2 / _GROOVE)
+            across = np.array([-along[1], along[0]]) * (guide.extent[1] / 2 / _GROOVE)
             surfaces = [pymunk.Segment(space.static_body, tuple(guide.point + side - along),
                                        tuple(guide.point + side + along), 0.0) for side in (-across, across)]
             for shape in (box, *surfaces):
                 shape.filter, shape.friction = category, 1.0 if guide.frictional else 0.0
             space.add(box, *surfaces)
             if guide.frictional:
-                self._boxes.append(box)
+                boxes.append((box, self._named[guide.slider]))
                 directions.append(along / _GROOVE)
         self._hold_friction(scene, (), passes=1)
         self.friction = CoefficientSwitch(scene)
@@ -407,11 +411,12 @@ class _ContactStepper(_PymunkStepper):
             touching=touching, impulse=impulse,
             slider=np.array([list(scene.bodies).index(guide.slider) for guide in scene.frictional_guides.values()],
                             dtype=np.int64),
-            identity=np.array([box.body.id for box in self._boxes], dtype=np.uint64))
+            identity=np.array([body.id for _, body in boxes], dtype=np.uint64))
+        self._boxes = [box for box, _ in boxes]
 
     def compile(self) -> None:
         super().compile()
-        finish_space_contacts.link()
+        link_kernels(finish_space_contacts)
         self.friction.begin()
 
     def step(self) -> None:
@@ -464,8 +469,10 @@ def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray
     """
     # ideal guides at both fidelities: boxes have not landed in a first step
     trial = _JointStepper(scene, h, _TRIAL, fixed={GROUND})
-    (q, v), share = trial.balance.initial, 1.0 - error_bias ** h
-    of_velocity, of_position = (h / 2 * each for each in _least_accelerations(scene, trial.balance))
+    if (balance := trial.balance) is None:
+        raise ValueError(f"{scene.name}: found neither loads nor friction; expected one of them")
+    (q, v), share = balance.initial, 1.0 - error_bias ** h
+    of_velocity, of_position = (h / 2 * each for each in _least_accelerations(scene, balance))
     trial.begin(q - h * of_position, v + of_velocity)
     trial.step()
     return (

@@ -110,7 +110,7 @@ class ReferenceEngine(Engine):
             output = output_times(t_end, output_step)
             scale = {"rtol": rtol}
 
-            def simulate(i: int, until: float):
+            def simulate(i: int, until: float) -> Run:
                 return simulate_event_driven(parts[i], *starts[i], output[output <= until], until, rtol, solver=solver,
                                              sides=chosen["event_values"], audits=AUDITS[chosen["audit"]]
                                              if parts[i].guide_names else 0)
@@ -121,7 +121,7 @@ class ReferenceEngine(Engine):
             every = steps_between_outputs(steps, output_step / dt)
             scale = {"dt": dt, "runge_kutta_order": 4}
 
-            def simulate(i: int, until: float):
+            def simulate(i: int, until: float) -> Run:
                 if chosen["method"] == "textbook":
                     return _as_written(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every)
                 return simulate_as_paper(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every, solver,
@@ -222,7 +222,7 @@ def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, s
                                                                          part.force[:, order], part.mode)))
 
     sides = rows_of(columns(march.sides)) if march.sides else []
-    events = tuple(Event(instant, kind, mechanism.guide_names[guide], *sides[2 * i:2 * i + 2])
+    events = tuple(Event(instant, kind, mechanism.guide_names[guide], sides[2 * i], sides[2 * i + 1])
                    for i, (instant, kind, guide) in enumerate(march.events))
     cost = Cost(prepared - started, 0.0, stepped - prepared, {"steps": len(march.t) - 1, "events": len(events)})
     return Run(march.t[::every], columns(march, every), events, cost, march.breakdown)

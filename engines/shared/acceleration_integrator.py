@@ -116,7 +116,8 @@ class _Frictional:
                 matrix[i] = engine.signs[i] * per_newton[engine.guides[i]]
                 right[i] = -engine.signs[i] * second[engine.guides[i]]
             else:
-                share = np.array(friction_coefficients(m, i, d, *mode.corner[i, :2], m.friction["mu"][i]))
+                s1, s2 = mode.corner[i, :2]
+                share = np.array(friction_coefficients(m, i, d, s1, s2, m.friction["mu"][i]))
                 matrix[i] -= share @ slope[:, i]
                 right[i] = share @ constant[:, i]
         friction = np.linalg.solve(matrix, right)
@@ -163,8 +164,8 @@ class _Frictional:
         for low, high in pairwise(times):
             after = self.at(high, curve(high), mode).event.ravel()
             # what is not above zero at the start has had its event there: it rises, or its mode was left at once
-            falls = np.flatnonzero((after < 0.0) & ((before > 0.0) | (low == start)))
-            if len(falls):
+            falls = np.flatnonzero((after < 0.0) & ((before > 0.0) | (low == start))).tolist()
+            if falls:
                 return min((brentq(value, low, high, args=(place,), xtol=1e-15) if before[place] > 0.0 else low, place)
                            for place in falls)
             before = after
@@ -182,12 +183,13 @@ class _Record:
     def add(self, t: float, y: np.ndarray, mode: _Mode) -> None:
         instant = self._mechanism.at(t, y, mode)
         self.t.append(t)
-        motion = self._mechanism.engine.motion(t, *np.split(y, 2), instant.second)
+        x, rate = np.split(y, 2)
+        motion = self._mechanism.engine.motion(t, x, rate, instant.second)
         self._rows.append((*motion, instant.friction, mode.slip.copy()))
 
     def columns(self) -> dict[str, np.ndarray]:
         q, v, a, friction, slip = (np.array(part) for part in zip(*self._rows))
-        known = {}
+        known: dict[str, np.ndarray] = {}
         for i, name in enumerate(self._scene.frictional_guides):
             known |= {f"{name}.friction": friction[:, i], f"{name}.mode": slip[:, i]}
         return recover_columns(self._scene, np.array(self.t), q, v, a, known)
@@ -230,7 +232,7 @@ def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, versio
     t, y, steps, idle = 0.0, np.concatenate(accelerations.start), 0, 0
     slip = np.sign(mechanism.slip_speed(y)).astype(np.int64)
     mode = _Mode(slip, np.ones((len(slip), 4), dtype=np.int64))
-    for guide in np.flatnonzero(slip == 0):
+    for guide in np.flatnonzero(slip == 0).tolist():
         mechanism.at_rest(t, y, mode, guide, held=True)
     mechanism.corners(t, y, mode)
     output = output_times(t_end, output_step)

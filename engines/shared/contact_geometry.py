@@ -80,6 +80,7 @@ def slider_box(guide: Translational, clearance: float) -> list[tuple[float, floa
     angle = box_angle(guide)
     c, s = cos(angle), sin(angle)
     x0, y0 = guide.slider_point
-    a, b = guide.length / 2, (guide.width - clearance) / 2
+    length, width = guide.extent
+    a, b = length / 2, (width - clearance) / 2
     return [(x0 + c * x - s * y, y0 + s * x + c * y)
             for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))]

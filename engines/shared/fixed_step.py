@@ -128,8 +128,11 @@ def steps_between_outputs(steps: int, wish: float) -> int:
     return next(every for every in range(wish, 0, -1) if steps % every == 0)
 
 
-def settings_of(given: Mapping[str, Any], defaults: Mapping[str, int | float | tuple[str, ...]], engine: str,
-                fidelity: str) -> dict[str, int | float | str]:
+Defaults = Mapping[str, int | float | tuple[str, ...]]
+"""Default of each setting; of one that is a word all that it may be, the default first."""
+
+
+def settings_of(given: Mapping[str, Any], defaults: Defaults, engine: str, fidelity: str) -> dict[str, Any]:
     """The engine's settings with those given put in; their type is that of the default.
 
     Parameters
@@ -212,7 +215,7 @@ def run_steps(engine: Engine, stepper: Stepper, scene: Scene, grid: Grid, *, fid
                                 for field in ("q", "v", "a", "modes", "friction"))
     rests = _held_too(scene, q, v, friction, dt)
     modes, friction = np.where(rests, 0, modes), np.where(rests, np.nan, friction)
-    known = {}
+    known: dict[str, np.ndarray] = {}
     for i, name in enumerate(scene.frictional_guides):
         known |= {f"{name}.mode": modes[:, i], f"{name}.friction": friction[:, i]}
     columns = recover_columns(scene, t, q, v, a, known)

@@ -18,7 +18,8 @@ from math import nan
 import numpy as np
 
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import ATTEMPTS, GUIDE, Cap, Contacts, begin_contacts, finish_contacts
+from stiction.engines.shared.step_kernels import GUIDE, Attempts, Cap, Contacts, begin_contacts, finish_contacts
+from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.scenes import Scene
 
 CAPPED = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
@@ -38,7 +39,7 @@ class GuideFriction:
         self._guides = np.zeros(len(scene.frictional_guides), GUIDE)
         for row, guide in zip(self._guides, scene.frictional_guides.values()):
             row["mu"], row["mus"], row["length"], row["width"] = (
-                guide.mu,
+                guide.kinetic_coefficient,
                 guide.static_coefficient,
                 guide.length or 0.0,
                 guide.width or 0.0,
@@ -94,7 +95,7 @@ class FrictionCap(GuideFriction):
         caps, self.held = np.zeros((2, len(self._guides)))
         self.caps = caps.tolist  # as a method of ours it would take twice as long
         self.data = Cap(balance=balance.data, guides=self._guides, passes=passes,
-                        attempts=np.array((0, _FIRST_STEPS), dtype=ATTEMPTS),
+                        attempts=np.array((0, _FIRST_STEPS), dtype=Attempts.structure()),
                         caps=caps, held=self.held)
 
 
@@ -118,7 +119,7 @@ class CoefficientSwitch(GuideFriction):
 
     def begin(self) -> None:
         """Begin the first step."""
-        finish_contacts.link()
+        link_kernels(finish_contacts)
         begin_contacts(self.data)
 
     def coefficients(self) -> list[float]:

@@ -21,6 +21,7 @@ from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.step_kernels import JointStep, begin_joints, finish_joints, motion
+from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.scenes import Scene
 from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
 from stiction.scenes.model import Drive, Translational
@@ -50,18 +51,33 @@ def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] |
             return hinges[0]
         return f"drives one hinge at a time, this angle is that of {len(hinges)} hinges"
     if drive.axis is not None and (found := link_along(scene, tree, drive.bodies, drive.axis)) is not None:
-        if scene.joints[tree.links[found[0]].joint].frictional:
+        if tree.links[found[0]].joint in scene.frictional_guides:
             return "has one motor a joint, and the guide's friction needs it"
         return found
     return "drives distances only along a guide between the same two bodies, as its axis"
 
 
+def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
+    """The link whose joint coordinate a drive prescribes, and its sign.
+
+    Raises
+    ------
+    Refused
+        If there is none; see `driven_link`.
+    """
+    found = driven_link(scene, tree, drive)
+    if isinstance(found, str):
+        raise Refused(found)
+    return found
+
+
 def link_along(scene: Scene, tree: LinkTree, bodies: tuple[str, str],
                axis: tuple[float, float]) -> tuple[int, int] | None:
     """The link of a guide, of bodies (slider, guide), that is parallel to an axis of the guide, and its sign."""
+    guides = scene.guides
     for i, link in enumerate(tree.links):
-        joint = scene.joints.get(link.joint)
-        if not link.slides or link.joint is None or joint.bodies != bodies:
+        joint = None if link.joint is None else guides.get(link.joint)
+        if not link.slides or joint is None or joint.bodies != bodies:
             continue
         (ax, ay), (dx, dy) = axis, joint.direction
         sine = (ax * dy - ay * dx) / math.hypot(ax, ay) / math.hypot(dx, dy)
@@ -143,7 +159,7 @@ class TreeStepper(Stepper):
         At constant rate left alone, otherwise set so that each step ends on the law.
         """
         for drive in scene.drives.values():
-            link, sign = driven_link(scene, self.tree, drive)
+            link, sign = motor_link(scene, self.tree, drive)
             if isinstance(drive.law, (Constant, Linear)):
                 self.drive_rate(link, sign * evaluate_law(drive.law, 0.0)[1])
             else:
@@ -166,9 +182,7 @@ class TreeStepper(Stepper):
         """Return to `start`."""
 
     def compile(self) -> None:
-        begin_joints.link()
-        motion.link()
-        finish_joints.link()
+        link_kernels(begin_joints, motion, finish_joints)
         self.begin()
         self.friction.begin()
 
@@ -212,7 +226,7 @@ class TreeAccelerations(Accelerations):
         self._position, velocity = tree.coordinates(scene)
         self._driven: list[tuple[int, int, Law, float]] = []
         for drive in scene.drives.values():
-            link, sign = driven_link(scene, tree, drive)
+            link, sign = motor_link(scene, tree, drive)
             self._driven.append((link, sign, drive.law, self._position[link] - sign * evaluate_law(drive.law, 0.0)[0]))
         self._free = np.setdiff1d(np.arange(len(tree.links)), [link for link, *_ in self._driven])
         self.start = self._position[self._free], velocity[self._free]

@@ -91,7 +91,8 @@ class LinkTree:
         tied = DisjointSet((GROUND, *scene.bodies))
         for root in roots:
             tied.merge(GROUND, root)
-        tree, self.loops = [], []
+        tree: list[str] = []
+        self.loops: list[str] = []
         for name in sorted((name for name in scene.joints if name not in free), key=rank):
             (tree if tied.merge(*scene.joints[name].bodies) else self.loops).append(name)
         joints_of: dict[str, list[str]] = {name: [] for name in (GROUND, *scene.bodies)}
@@ -130,22 +131,22 @@ class LinkTree:
                        Link(body, None, n + 1, False)]
         self.link_of[body] = n + 2
 
-    def _add(self, joint, name: str, parent: str, child: str) -> None:
+    def _add(self, joint: Revolute | Translational, name: str, parent: str, child: str) -> None:
         first = child == joint.bodies[0]
-        common = dict(body=child, joint=name, parent=self.link_of[parent], sign=1 if first else -1)
+        common, sign = (child, name, self.link_of[parent]), 1 if first else -1
         if isinstance(joint, Revolute):
             point, anchor = joint.points if first else joint.points[::-1]
-            link = Link(slides=False, anchor=anchor, point=point, **common)
+            link = Link(*common, slides=False, anchor=anchor, point=point, sign=sign)
         else:
             length = hypot(*joint.direction)
             ux, uy = joint.direction[0] / length, joint.direction[1] / length
             if first:  # the guide's direction in the slider's axes
                 c, s = cos(joint.angle), sin(joint.angle)
-                link = Link(slides=True, axis=(c * ux + s * uy, -s * ux + c * uy), anchor=joint.point,
-                            point=joint.slider_point, angle=joint.angle, **common)
+                link = Link(*common, slides=True, axis=(c * ux + s * uy, -s * ux + c * uy), anchor=joint.point,
+                            point=joint.slider_point, angle=joint.angle, sign=sign)
             else:
-                link = Link(slides=True, axis=(ux, uy), anchor=joint.slider_point, point=joint.point,
-                            angle=-joint.angle, **common)
+                link = Link(*common, slides=True, axis=(ux, uy), anchor=joint.slider_point, point=joint.point,
+                            angle=-joint.angle, sign=sign)
         self.link_of[child] = len(self.links)
         self.links.append(link)
 
@@ -157,7 +158,7 @@ class LinkTree:
                 continue
             x, y, angle, vx, vy, omega = _start(scene, link.body, link.point)
             parent = self.links[link.parent].body if link.parent >= 0 else GROUND
-            if link.joint is None:
+            if link.joint is None or parent is None:
                 position[i - 2:i + 1], velocity[i - 2:i + 1] = (x, y, angle), (vx, vy, omega)
                 continue
             px, py, parent_angle, pvx, pvy, parent_omega = _start(scene, parent, link.anchor)

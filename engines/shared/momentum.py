@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from stiction.engines.shared.step_kernels import Balance, applied_loads, assemble, row_forces
+from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene
@@ -49,9 +50,7 @@ class MomentumBalance:
 
     def compile(self) -> None:
         """Compile the kernels, or load them."""
-        applied_loads.link()
-        assemble.link()
-        row_forces.link()
+        link_kernels(applied_loads, assemble, row_forces)
 
     def loads(self, t: float, q: np.ndarray, v: np.ndarray, ahead: float = 0.0) -> np.ndarray:
         """Generalized forces (N, N, N m a body) of springs, dampers, forces and torques at q + ahead v; weight apart.

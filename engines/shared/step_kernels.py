@@ -12,7 +12,7 @@ from typing import Annotated
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals, Table
+from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals, Record, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate, minimum_norm
 from stiction.reference_impl.compiled.loops import copy
@@ -38,8 +38,13 @@ GUIDE = np.dtype([("mu", float), ("mus", float), ("length", float), ("width", fl
 """A frictional guide (m; length 0: without) and what the last step told of it: N, N m, m/s; `change` of the slip speed
 in it; `mode` -1, 0 (stick), 1 in it, and in the one before."""
 Guides = Annotated[np.ndarray, GUIDE, 1]
-ATTEMPTS = np.dtype([("left", np.int64), ("first", np.int64)])
-"""Of a step: attempts that are left of it, and steps that are still among the first."""
+
+
+class Attempts(Record):
+    """Attempts that are left of a step, and steps that are still among the first."""
+
+    left: int
+    first: int
 
 
 class Balance(Bundle):
@@ -91,7 +96,7 @@ class Cap(Bundle):
     balance: Balance
     guides: Guides
     passes: int
-    attempts: Annotated[np.ndarray, ATTEMPTS, 0]
+    attempts: Attempts
     caps: Reals
     held: Reals
 

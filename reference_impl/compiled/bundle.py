@@ -12,7 +12,7 @@ whatever the loop stores.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Protocol, Self, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numba import from_dtype, types
@@ -25,13 +25,33 @@ Integers = Annotated[np.ndarray, np.int64, 1]
 IntegerTable = Annotated[np.ndarray, np.int64, 2]
 Flags = Annotated[np.ndarray, np.bool_, 1]
 """Types of fields and of the arguments of kernels, besides numbers: a C-contiguous array, its type of numbers and its
-dimensions. A field of a structured type and no dimensions is one record, whose own fields a kernel may set:
-`bundle.record.field = ..`."""
+dimensions."""
 Bundles = tuple
 """Type of a field that has bundles of one class. In a kernel it is the array of their addresses, of which `at` makes
 bundles."""
 
+AnyBundle = TypeVar("AnyBundle", bound="Bundle")
+
 _NUMBERS = {int: types.int64, float: types.float64, bool: types.boolean, type(None): types.none}
+
+
+class Record(np.ndarray):
+    """Base of classes that name the fields, `int` or `float`, of an array without dimensions.
+
+    A kernel reads and sets them as attributes: `bundle.record.field = ..`. In Python they are `record["field"]`.
+    """
+
+    @classmethod
+    def structure(cls) -> np.dtype:
+        """Type of the array."""
+        return np.dtype([(name, np.dtype(kind)) for name, kind in get_type_hints(cls).items()])
+
+
+def _array(hint: Any) -> tuple[np.dtype, int] | None:
+    """Return type and number of dimensions of an array or a record, None for any other field."""
+    if isinstance(hint, type) and issubclass(hint, Record):
+        return hint.structure(), 0
+    return (np.dtype(get_args(hint)[1]), get_args(hint)[2]) if get_origin(hint) is Annotated else None
 
 
 class BundleType(types.Record):
@@ -39,6 +59,8 @@ class BundleType(types.Record):
 
     Attributes
     ----------
+    fields : dict of str to numba.types.Type
+        Type of each field.
     places : dict of str to int
         First word of each field.
     words : int
@@ -47,19 +69,21 @@ class BundleType(types.Record):
         Type and number of dimensions of each array or record.
     """
 
+    fields: dict[str, types.Type]  # type: ignore[assignment]  # those of numba's records have offsets as well
+
     def __init__(self, name: str, hints: dict[str, Any]):
         self.fields = {field: numba_type(hint) for field, hint in hints.items()}
-        self.arrays = {field: (np.dtype(get_args(hint)[1]), get_args(hint)[2])
-                       for field, hint in hints.items() if get_origin(hint) is Annotated}
-        self.places, self.words = {}, 0
+        self.arrays = {field: array for field, hint in hints.items() if (array := _array(hint)) is not None}
+        self.places: dict[str, int] = {}
+        self.words = 0
         for field, kind in self.fields.items():
             self.places[field] = self.words
             self.words += 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
         types.Type.__init__(self, name)
 
-    def typeof(self, key: str) -> types.Type | None:
+    def typeof(self, key: str) -> types.Type:
         """Return the type of a field: numba looks for attributes of records here."""
-        return self.fields.get(key)
+        return self.fields[key]
 
     def __repr__(self) -> str:
         return self.name
@@ -159,8 +183,10 @@ def numba_type(hint: Any) -> types.Type:
         return types.Tuple([numba_type(part) for part in get_args(hint)])
     if isinstance(hint, type) and issubclass(hint, Bundle):
         return hint._numba_type_
-    _, dtype, dimensions = get_args(hint)
-    item = from_dtype(np.dtype(dtype))
+    if (array := _array(hint)) is None:
+        raise TypeError(f"found {hint!r}; expected a type of arrays, a bundle or a number")
+    dtype, dimensions = array
+    item = from_dtype(dtype)
     return types.Array(item, dimensions, "C") if dimensions else item
 
 
@@ -175,14 +201,19 @@ def _unbox(kind, bundle, c):
     return NativeValue(pointer)
 
 
-@intrinsic
-def at(typing_context, address, like):
-    """The bundle at an address, of the class of another."""
+class _At(Protocol):
+    def __call__(self, address: int, like: AnyBundle) -> AnyBundle: ...
 
+
+def _bundle_at(typing_context, address, like):
     def generate(context, builder, signature, values):
         return builder.inttoptr(values[0], context.get_value_type(like))
 
     return like(types.int64, like), generate
+
+
+at = cast(_At, intrinsic(_bundle_at))
+"""In a kernel: the bundle at an address, of the class of another."""
 
 
 @lower_getattr_generic(BundleType)

@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cached_property, partial, update_wrapper
-from typing import Any, get_type_hints
+from typing import Any, TypeVar, get_type_hints, overload
 
 import llvmlite.binding
 import numpy as np
@@ -32,6 +32,17 @@ from stiction.reference_impl.compiled.kernel_cache import files_of, kept, repeat
 _log = logging.getLogger("stiction")
 RESOLVE = "stiction.resolve"
 """Name by which machine code calls for the kernel of an empty slot."""
+
+
+AnyFunction = TypeVar("AnyFunction", bound=Callable)
+
+
+@overload
+def kernel(function: AnyFunction) -> AnyFunction: ...
+
+
+@overload
+def kernel(*, allocates: bool = False, inline: bool = False) -> Callable[[AnyFunction], AnyFunction]: ...
 
 
 def kernel(function: Callable | None = None, *, allocates: bool = False, inline: bool = False) -> Callable:
@@ -58,6 +69,8 @@ def kernel(function: Callable | None = None, *, allocates: bool = False, inline:
 class Inlined:
     """A kernel that is compiled into its callers, and for Python separately."""
 
+    __wrapped__: Callable
+
     def __init__(self, function: Callable, options: dict[str, Any]):
         update_wrapper(self, function)
         self._options = options
@@ -72,7 +85,7 @@ class Inlined:
     @cached_property
     def _for_kernels(self) -> Any:
         """Not kept on disk, and without a way from Python to it: its callers have its machine code in theirs."""
-        return njit(no_cpython_wrapper=True, **self._options)(self.__wrapped__)
+        return njit(**self._options | {"no_cpython_wrapper": True})(self.__wrapped__)
 
     @property
     def _numba_type_(self) -> types.Type:
@@ -99,6 +112,9 @@ class Linked:
 
     Its annotations say what it takes and returns: so its callers can be compiled before it, or without it.
     """
+
+    __wrapped__: Callable
+    __qualname__: str
 
     def __init__(self, function: Callable, options: dict[str, Any]):
         update_wrapper(self, function)
@@ -171,13 +187,13 @@ class Linked:
                 raise TypingError(f"{self.name}: found {len(given)} arguments; expected {self._signature}")
             return returned(*arguments[:len(given)])
 
-        type_of_call.pysig = self._signature
+        vars(type_of_call)["pysig"] = self._signature
         return type_of_call
 
     def _lower_call(self, context: Any, builder: Any, signature: Any, given: Any) -> Any:
         """Call the machine code that the slot has the address of."""
         arguments, returned = self._types
-        missing, defaults = range(len(given), len(arguments)), self.__wrapped__.__defaults__
+        missing, defaults = range(len(given), len(arguments)), self.__wrapped__.__defaults__ or ()
         given = [*given, *(context.get_constant(arguments[i], defaults[i - len(arguments)]) for i in missing)]
         word, outcome, known, convention = ir.IntType(64), ir.IntType(32), builder.module.globals, context.call_conv
         slot = known.get(self.name) or ir.GlobalVariable(builder.module, word, self.name)
@@ -217,6 +233,13 @@ def compiling_seconds() -> float:
 def clock() -> float:
     """CPU seconds of this process, but for those in which kernels were compiled or loaded."""
     return time.process_time() - compiling_seconds()
+
+
+def link_kernels(*kernels: Callable) -> None:
+    """Compile linked kernels, or load them, so that no run is timed that does."""
+    for each in kernels:
+        if isinstance(each, Linked):
+            each.link()
 
 
 def linked_kernels() -> tuple[Linked, ...]:

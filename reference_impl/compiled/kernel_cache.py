@@ -22,9 +22,11 @@ from typing import Any
 
 import llvmlite.binding
 import numba
-from numba import config, njit
+import numba.core.config
+from numba import njit
 
 _log = logging.getLogger("stiction")
+settings: Any = numba.core.config  # whose names numba makes when it is loaded
 DAMAGED = pickle.UnpicklingError, AttributeError, EOFError, ImportError, IndexError, ValueError
 """Errors that Python's pickle lists for files that are cut off or overwritten; numba passes them on."""
 
@@ -34,11 +36,11 @@ def kept(function: Callable, **options: Any) -> Any:
     folder = _folder_of(Path(function.__code__.co_filename))
     if folder is None:
         return njit(**options)(function)
-    chosen, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # numba reads it here, once for each dispatcher
+    chosen, settings.CACHE_DIR = settings.CACHE_DIR, str(folder)  # numba reads it here, once for each dispatcher
     try:
         return njit(cache=True, **options)(function)
     finally:
-        config.CACHE_DIR = chosen
+        settings.CACHE_DIR = chosen
 
 
 def files_of(dispatcher: Any) -> list[Path]:
@@ -105,19 +107,19 @@ def _package_stamp() -> bytes:
 
 def _target() -> tuple[str, ...]:
     """Return all that machine code depends on besides the sources."""
-    features = config.CPU_FEATURES
+    features = settings.CPU_FEATURES
     if features is None:
         features = llvmlite.binding.get_host_cpu_features().flatten()
     return (sys.implementation.cache_tag, sys.abiflags, numba.__version__, llvmlite.__version__,
-            config.CPU_NAME or llvmlite.binding.get_host_cpu_name(), features)
+            settings.CPU_NAME or llvmlite.binding.get_host_cpu_name(), features)
 
 
 @cache
 def _user_folders(sources: Path) -> tuple[Path, ...]:
     """Return where the kernels of a folder of sources are kept, the first choice first."""
     own = f"{sources.name}-{hashlib.sha256(str(sources).encode()).hexdigest()[:16]}"
-    if config.CACHE_DIR:
-        return (Path(config.CACHE_DIR) / own,)
+    if settings.CACHE_DIR:
+        return (Path(settings.CACHE_DIR) / own,)
     user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
     return (sources / "__pycache__", *((user / "stiction" / own,) if user.is_absolute() else ()))
 

@@ -116,8 +116,8 @@ def _largest_term(m: Arrays, w: Workspace, force: Reals) -> float:
         i, r, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
         for c in range(3):
             terms[k + c] += abs(w.JM[i + c] * force[r])
-    for k in range(len(terms)):
-        largest = max(largest, terms[k] * (m.length_scale if k % 3 == 2 else 1.0))
+    for j in range(len(terms)):
+        largest = max(largest, terms[j] * (m.length_scale if j % 3 == 2 else 1.0))
     return largest
 
 

@@ -186,9 +186,9 @@ def _unit_rows(m: Arrays, w: Workspace) -> tuple[Table, Reals]:
     count, n = m.rows + len(m.friction), len(m.inverse_mass)
     row, size = np.zeros((count, n)), np.zeros(count)
     for b in range(len(m.block)):
-        i, r, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
+        at, j, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
         for c in range(3):
-            row[r, k + c] += w.J[i + c] * np.sqrt(m.inverse_mass[k + c])
+            row[j, k + c] += w.J[at + c] * np.sqrt(m.inverse_mass[k + c])
     for r in range(count):
         square = _product(row[r], row[r])
         size[r] = np.sqrt(square) if square > 0.0 else 1.0

@@ -2,24 +2,40 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import numpy as np
+from stiction.reference_impl.compiled.bundle import Record
 
 AUTOMATIC, LEMKE, ENUMERATION, TRIAL = range(4)
 SOLVERS = {"automatic": AUTOMATIC, "lemke": LEMKE, "enumeration": ENUMERATION, "trial": TRIAL}
 """See `contact_solvers`."""
 
-COUNTERS = np.dtype([(name, np.int64) for name in (
-    "steps", "rejected", "rhs", "hlcp", "pivots", "events", "projections", "lemke_rays", "enumerations",
-    "trial_fallbacks")])
-"""What an integration counts: accepted and rejected steps, right-hand sides, contact problems, pivots (or trials, or
-modes tried), events, projections. Where one solver took the place of another: ends of Lemke's method without a
-solution, searches of all modes after such an end, and contact problems that trial and error did not solve and handed to
-Lemke's method."""
-Counters = Annotated[np.ndarray, COUNTERS, 0]
+
+class Counters(Record):
+    """Counters of an integration: accepted and rejected steps, right-hand sides, contact problems, and so on.
+
+    Attributes
+    ----------
+    pivots : int
+        Or trials, or modes tried.
+    lemke_rays : int
+        Ends of Lemke's method without a solution.
+    enumerations : int
+        Searches of all modes after such an end.
+    trial_fallbacks : int
+        Contact problems that trial and error did not solve and handed to Lemke's method.
+    """
+
+    steps: int
+    rejected: int
+    rhs: int
+    hlcp: int
+    pivots: int
+    events: int
+    projections: int
+    lemke_rays: int
+    enumerations: int
+    trial_fallbacks: int
 
 
-def named(counters: np.ndarray) -> dict[str, int]:
+def named(counters: Record) -> dict[str, int]:
     """Counters by name."""
-    return dict(zip(COUNTERS.names, counters.tolist()))
+    return dict(zip(counters.dtype.names or (), counters.tolist()))

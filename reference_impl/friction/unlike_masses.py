@@ -47,18 +47,18 @@ def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
         if slip[f] == 0:
             x[column[f]] = -w.gamma[nr + f]
     for b in range(len(m.block)):
-        i, row, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
-        f = row - nr
+        at, row, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
+        g = row - nr
         for c in range(3):
-            if f < 0 or slip[f] == 0:
-                j = n + row if f < 0 else column[f]
-                A[j, k + c] += w.J[i + c]
-                A[k + c, j] -= w.J[i + c]
+            if g < 0 or slip[g] == 0:
+                j = n + row if g < 0 else column[g]
+                A[j, k + c] += w.J[at + c]
+                A[k + c, j] -= w.J[at + c]
             else:
-                normal = n + m.friction[f].row
-                c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
-                A[k + c, normal] -= c_R * w.J[i + c]
-                A[k + c, normal + 1] -= c_T * w.J[i + c]
+                normal = n + m.friction[g].row
+                c_R, c_T = friction_coefficients(m, g, slip[g], corner[g, 0], corner[g, 1], m.friction[g].mu)
+                A[k + c, normal] -= c_R * w.J[at + c]
+                A[k + c, normal + 1] -= c_T * w.J[at + c]
     if not eliminate(A, x, unit, size, size, REGULAR):
         return False
     for i in range(n):

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals, Table
+from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals, Record, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.integration.dop853 import BY_TIME, combine
@@ -21,34 +19,77 @@ NOISE = 1e-13
 """Event functions above minus this, relative to the largest speed or force so far, count as not negative: an event
 function starts at zero after its own event and must not fire on rounding. It does not enter the location of events."""
 
-PROGRESS = np.dtype([("time", float), ("step", float), ("speed", float), ("force", float), ("gain", float),
-                     ("checked", float),
-                     ("aim", float), ("aimed", np.int64), ("missed", np.int64), ("next_output", np.int64),
-                     ("next_kink", np.int64),
-                     ("idle", np.int64), ("logged", np.int64), ("fresh", np.int64)])
-"""What the integration carries from step to step.
 
-time, step : s; the step is the one proposed next.  speed, force : the largest so far, m/s and N; rounding is judged by
-them.  gain : friction gain (`uniqueness`) at the last accepted step.  checked : time (s) at which progress was looked
-at last.  aim : seconds to where an event is expected, of the event function `aimed`; inf if none is.  missed : times
-that the present step was shortened for an event.  next_output, next_kink : places in the output times and in the times
-at which a law is not smooth.  idle : events that no time passed between.  logged : events in the log.  fresh : 1 where
-the state has changed since y' and the event functions were evaluated.
-"""
-ATTEMPT = np.dtype([("h", float), ("stop", float), ("resolution", float), ("error", float), ("proposal", float),
-                    ("length", float),
-                    ("fraction", float), ("gain", float), ("counted", float), ("event", np.int64),
-                    ("reaches_stop", np.int64), ("aims", np.int64),
-                    ("at_once", np.int64), ("has_rows", np.int64), ("shorter", np.int64), ("critical", np.int64),
-                    ("lost", np.int64)])
-"""What is known of the step that is being made.
+class Progress(Record):
+    """Record that the integration carries from step to step."""
 
-h : its length as attempted (s).  stop : time that it must not pass.  resolution : seconds that time can resolve there.
-error : estimated, 1 is at the tolerance.  proposal : the step after it.  length : what is kept of it (s), up to the
-event function `event` (-1: none), at the `fraction` of h.  gain : friction gain at its end.  Flags: it reaches_stop; it
-aims at an expected event; its event is at_once, at its start; it is shorter than attempted; the workspace has_rows of
-its end; the gain is critical; the motion is lost in it, several of them being counted at the fraction `counted`.
-"""
+    time: float
+    """s"""
+    step: float
+    """The one proposed next, s"""
+    speed: float
+    """The largest so far, m/s; rounding is judged by it and by `force`"""
+    force: float
+    """The largest so far, N"""
+    gain: float
+    """Friction gain (`uniqueness`) at the last accepted step"""
+    checked: float
+    """Time at which progress was looked at last, s"""
+    aim: float
+    """Time to where an event is expected, s; inf if none is"""
+    aimed: int
+    """Its event function"""
+    missed: int
+    """Times that the present step was shortened for an event"""
+    next_output: int
+    """Place in the output times"""
+    next_kink: int
+    """Place in the times at which a law is not smooth"""
+    idle: int
+    """Events that no time passed between"""
+    logged: int
+    """Events in the log"""
+    fresh: int
+    """1 where the state has changed since y' and the event functions were evaluated"""
+
+
+class Attempt(Record):
+    """Record of the step that is being made; integers without a unit are flags."""
+
+    h: float
+    """Its length as attempted, s"""
+    stop: float
+    """Time that it must not pass, s"""
+    resolution: float
+    """Distance of times that can be resolved there, s"""
+    error: float
+    """Estimated; 1 is at the tolerance"""
+    proposal: float
+    """The step after it, s"""
+    length: float
+    """Kept length of it, up to the event, s"""
+    fraction: float
+    """Place of the event in `h`"""
+    gain: float
+    """Friction gain at its end"""
+    counted: float
+    """Fraction at which several motions were counted, where it is `lost`"""
+    event: int
+    """Event function at its end, -1: none"""
+    reaches_stop: int
+    aims: int
+    """It aims at an expected event"""
+    at_once: int
+    """Its event is at its start"""
+    has_rows: int
+    """The workspace has the rows of its end"""
+    shorter: int
+    """It is shorter than attempted"""
+    critical: int
+    """The gain is critical"""
+    lost: int
+    """The motion is lost in it"""
+
 
 
 class State(Bundle):
@@ -68,7 +109,7 @@ class State(Bundle):
         Event functions at the start of a step, and at its stages in the order of times.  audit_seen : as seen.
     sampled, bernstein : (NODES + 1, 3 * frictional), (2, NODES + 1)
         See `event_location.first_root`.
-    progress, attempt : records of `PROGRESS` and `ATTEMPT`
+    progress, attempt : Progress and Attempt
     """
 
     y: Reals
@@ -91,8 +132,8 @@ class State(Bundle):
     audit_seen: Table
     sampled: Table
     bernstein: Table
-    progress: Annotated[np.ndarray, PROGRESS, 0]
-    attempt: Annotated[np.ndarray, ATTEMPT, 0]
+    progress: Progress
+    attempt: Attempt
 
 
 def state(q: np.ndarray, v: np.ndarray, frictional: int) -> State:

@@ -26,13 +26,14 @@ from typing import Annotated
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Cube, Integers, Reals, Table
+from stiction.reference_impl.compiled.bundle import Bundle, Cube, Integers, Reals, Record, Table
 from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate_columns
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS, DONE, NOT_FINITE, SINGULAR, SOLVED
+from stiction.reference_impl.friction.solvers import named
 from stiction.reference_impl.integration.result import Run, Samples
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, _along, direction_at, point_at, workspace
@@ -49,10 +50,15 @@ AT_REST = 1e-10
 GOLDEN = 0.6180339887498949
 """Spreads Lemke's covering vector over 1 .. 1.5: the two corners on one surface have one tangential direction, and with
 equal weights their ties led his method to a ray within seconds of the paper's example."""
-WORK = np.dtype([("steps", np.int64), ("contacts", np.int64), ("pivots", np.int64)])
-
-
 Table4 = Annotated[np.ndarray, np.float64, 4]
+
+
+class Work(Record):
+    """Counters of a run: steps, contacts that were closed in them, pivots."""
+
+    steps: int
+    contacts: int
+    pivots: int
 
 
 class Contacts(Bundle):
@@ -98,7 +104,7 @@ class State(Bundle):
         Normal force and friction of each corner, N.
     slip : (frictional,)
         Direction, 0 at rest.
-    work : record of WORK
+    work : Work
     """
 
     q: Reals
@@ -108,12 +114,14 @@ class State(Bundle):
     force: Reals
     corner: Cube
     slip: Integers
-    work: Annotated[np.ndarray, WORK, 0]
+    work: Work
 
 
 def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
     """The contacts of all guides, with a clearance in metres between the slider and each surface."""
-    m, contacts, guides = mechanism.arrays, [], []
+    m = mechanism.arrays
+    contacts: list[tuple[float, ...]] = []
+    guides: list[tuple[int, int, int]] = []
     released: set[int] = set()
     names = [*mechanism.scene.joints, *mechanism.scene.drives]
     for k, c in enumerate(m.constraint):
@@ -182,10 +190,10 @@ def _bilateral(m: Arrays, w: Workspace, contacts: Contacts, W: Table, dt: float)
         place[kept[i]] = i + 1
         largest = max(largest, w.G[kept[i], kept[i]])
     for b in range(len(m.block)):
-        i, row, k = np.int64(m.block[b, 0]), place[m.block[b, 1]] - 1, np.int64(m.block[b, 2])
+        at, row, k = np.int64(m.block[b, 0]), place[m.block[b, 1]] - 1, np.int64(m.block[b, 2])
         if row >= 0:
             for c in range(3):
-                J[row, k + c] = w.J[i + c]
+                J[row, k + c] = w.J[at + c]
     for compliance in (0.0, COMPLIANCE * largest):
         for i in range(n):
             r, free = kept[i], 0.0
@@ -417,5 +425,5 @@ def simulate_moreau(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: floa
             columns |= {f"{name}.friction_lower": corners[:, i, :2, 1].sum(axis=1),
                         f"{name}.friction_upper": corners[:, i, 2:, 1].sum(axis=1)}
     breakdown = None if code == DONE else Breakdown(BREAKDOWNS[code][0], float(reached), BREAKDOWNS[code][1])
-    work = dict(zip(WORK.names, state.work.tolist()))
+    work = named(state.work)
     return Run(t, columns, (), Cost(prepared - started, 0.0, stepped - prepared, work), breakdown)

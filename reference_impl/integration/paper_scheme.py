@@ -279,12 +279,12 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
     code, written, events, reached = march(m, w, workspace(m, solver), state, task, samples, log)
     stepped = clock()
     t = np.arange(written) * (every * dt)
-    values = [{} for _ in range(2 * events)]
+    values: list[dict[str, float]] = [{} for _ in range(2 * events)]
     if sides and events:
         values = rows_of(columns(np.repeat(log.t[:events], 2), log.motion.reshape(-1, 3, n),
                                  log.force.reshape(-1, size), log.slip.reshape(-1, nf)))
     found = tuple(Event(float(log.t[i]), EVENT_KINDS[log.kind[i]], mechanism.guide_names[log.guide[i]],
-                        *values[2 * i:2 * i + 2]) for i in range(events))
+                        values[2 * i], values[2 * i + 1]) for i in range(events))
     return Run(t, columns(t, samples.motion, samples.force, samples.slip), found,
                Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)),
                breakdown_of(code, reached, mechanism, w, state.slip, state.corner))

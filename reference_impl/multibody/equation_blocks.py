@@ -50,7 +50,7 @@ def blocks(scene: Scene) -> list[Block]:
     guides, frictional = scene.guides, scene.frictional_guides
     cornered = tuple(name for name, guide in guides.items() if guide.length is not None)
     levers = tuple(name for name, guide in frictional.items() if guide.width)
-    static = tuple(name for name, guide in frictional.items() if guide.static_coefficient > guide.mu)
+    static = tuple(name for name, guide in frictional.items() if guide.static_coefficient > guide.kinetic_coefficient)
     stiff = tuple(name for name, spring in scene.springs.items() if spring.stiffness)
     damped = tuple(name for name, spring in scene.springs.items() if spring.damping)
     law, stabilization = scene.stabilization, "Phi'' = 0"

@@ -43,7 +43,7 @@ class Workspace(Bundle):
         Event functions of the contact mode, all >= 0 while it lasts.
     solver : int
         Of contact problems; one of `solvers.SOLVERS`.
-    counters : record of `solvers.COUNTERS`
+    counters : record of `solvers.Counters`
         Work done so far.
     separate : tuple of Workspace
         Those of `Arrays.separate`; bodies, their rows and the counters are shared.

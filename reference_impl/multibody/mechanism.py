@@ -196,7 +196,8 @@ class Mechanism:
         return {"inverse_mass": 1.0 / np.array(inertia), "weight": np.array(weight, dtype=float)}
 
     def _constraints(self) -> dict[str, np.ndarray | float]:
-        constraints, frictions, row, driven = [], [], 0, 0
+        constraints, row, driven = [], 0, 0
+        frictions: list[tuple[float, ...]] = []
         for element in [*self.scene.joints.values(), *self.scene.drives.values()]:
             direction, offset, law, guide, rows = (1.0, 0.0), 0.0, -1, -1, 2
             if isinstance(element, Revolute):
@@ -211,7 +212,7 @@ class Mechanism:
                 if element.frictional:
                     guide = len(frictions)
                     frictions.append((row, 2 if element.length else 1, 0, element.length or 0.0, element.width or 0.0,
-                                      element.mu,
+                                      element.kinetic_coefficient,
                                       element.static_coefficient))
             constraints.append((kind, row, *(self._index[body] for body in element.bodies), *points[0], *points[1],
                                 *_unit(direction), offset, law, guide))
@@ -243,7 +244,8 @@ class Mechanism:
         loads = [(self._index[load.body], *load.point, *_unit(load.direction), law) if isinstance(load, Force)
                  else (self._index[load.body], 0, 0, 0, 0, law)
                  for law, load in enumerate(self.scene.forces.values(), len(self.scene.drives))]
-        laws, knots = [], []
+        laws: list[tuple[float, ...]] = []
+        knots: list[tuple[float, ...]] = []
         for law in self._laws:
             if isinstance(law, Constant):
                 laws.append((LAW_POLYNOMIAL, law.value, 0, 0, 0))

@@ -62,11 +62,11 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
     q, v, a = (_numbers(name, values, (len(t), len(m.inverse_mass)), unknown=name == "a")
                for name, values in (("q", q), ("v", v), ("a", a)))
     frictions = [f"{name}.friction" for name in mechanism.guide_names]
-    reactions = {name: _numbers(f"reactions[{name!r}]", values, (len(t),), unknown=True)
-                 for name, values in (reactions or {}).items()}
+    reported = {name: _numbers(f"reactions[{name!r}]", values, (len(t),), unknown=True)
+                for name, values in (reactions or {}).items()}
     friction = np.full((len(t), len(frictions)), np.nan)
     for i, name in enumerate(frictions):
-        friction[:, i] = reactions.pop(name, np.nan)
+        friction[:, i] = reported.pop(name, np.nan)
     told = ~np.isnan(friction)
     force, known = (np.hstack([np.zeros((len(t), m.rows), dtype=values.dtype), values])
                     for values in (np.where(told, friction, 0.0), told))
@@ -75,8 +75,8 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
         columns_of_rows, free = _rows(m, t[part], q[part], v[part])
         force[part] = _balanced(columns_of_rows, (a[part] - free) / m.inverse_mass, force[part], known[part], m.rows)
     columns = build_columns(mechanism, t, q, v, a, force)
-    if reactions:
-        columns.update(reactions)
+    if reported:
+        columns.update(reported)
         for name, guide in scene.guides.items():
             if guide.length is not None:
                 columns.update(corner_columns(name, guide, columns))
@@ -134,7 +134,7 @@ def _balanced(columns_of_rows: np.ndarray, needed: np.ndarray, force: np.ndarray
     rest = needed - np.einsum("nij,nj->ni", columns_of_rows, np.where(known, force, 0.0))
     for pattern in np.unique(known, axis=0):
         those, others = np.flatnonzero((known == pattern).all(axis=1)), np.flatnonzero(~pattern)
-        matrices = columns_of_rows[np.ix_(those, range(columns_of_rows.shape[1]), others)]
+        matrices = columns_of_rows[np.ix_(those, np.arange(columns_of_rows.shape[1]), others)]
         left, size, right = np.linalg.svd(matrices, full_matrices=False)
         solved = np.einsum("nki,nk->ni", right, _inverse(matrices, size) * np.einsum("nik,ni->nk", left, rest[those]))
         moved = _null_parts(matrices, size, right)

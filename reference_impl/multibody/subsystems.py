@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -44,7 +44,7 @@ def independent_parts(scene: Scene) -> list[Scene]:
         scene.joints.values(), scene.drives.values(), scene.springs.values())))
     if count == 1:
         return [scene]
-    sections: list[dict[str, dict]] = [{section: {} for section in ELEMENTS} for _ in range(count)]
+    sections: list[dict[str, dict[str, Any]]] = [{section: {} for section in ELEMENTS} for _ in range(count)]
     for section in ELEMENTS:
         for name, element in getattr(scene, section).items():
             touched = (name,) if section == "bodies" else (element.body,) if section == "forces" else element.bodies
@@ -52,10 +52,10 @@ def independent_parts(scene: Scene) -> list[Scene]:
             sections[part][section][name] = element
     parts = []
     for own in sections:
-        part = scene.model_copy(update=own)
-        part._raw = {key: {name: value[name] for name in own[key]} if key in own else value
-                     for key, value in scene._raw.items()}
-        parts.append(part)
+        copied = scene.model_copy(update=own)
+        copied._raw = {key: {name: value[name] for name in own[key]} if key in own else value
+                       for key, value in scene._raw.items()}
+        parts.append(copied)
     return parts
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from inspect import unwrap
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -108,7 +109,7 @@ def corner_forces(guide: Translational, normal_force: ArrayLike, moment: ArrayLi
     """
     if guide.length is None:
         raise InputError("guide.length: found none; expected a guide with corners")
-    n1, n2 = split_between_corners.__wrapped__(np.asarray(normal_force, float), np.asarray(moment, float), guide.length)
+    n1, n2 = unwrap(split_between_corners)(np.asarray(normal_force, float), np.asarray(moment, float), guide.length)
     return np.array([np.maximum(n, 0.0) for n in (n1, n2, -n2, -n1)])
 
 

@@ -97,8 +97,8 @@ def _draw_panel(ax: Axes, panel: Panel, looks: Mapping[str, Look], handles: dict
         _draw_series(ax, series, style, panel.horizontal)
         if series.label:
             handles.setdefault(series.label, Line2D([], [], **style))
-    for axis, about in ((ax.xaxis, panel.x), (ax.yaxis, panel.y)):
-        _set_axis(axis, about)
+    _set_axis("x", ax.xaxis, panel.x)
+    _set_axis("y", ax.yaxis, panel.y)
     ax.set(title=panel.title, xlabel=panel.x.label, ylabel=panel.y.label)
 
 
@@ -114,19 +114,20 @@ def _draw_series(ax: Axes, series: Series, style: Mapping[str, Any], horizontal:
         return
     middle = series.x if horizontal else series.y
     spread = np.array([middle - series.low, series.high - middle]).clip(min=0.0)
-    ax.errorbar(series.x, series.y, **{"xerr" if horizontal else "yerr": spread}, elinewidth=0.8, capsize=1.5, **style)
+    ax.errorbar(series.x, series.y, xerr=spread if horizontal else None, yerr=None if horizontal else spread,
+                elinewidth=0.8, capsize=1.5, **style)
 
 
-def _set_axis(axis: MatplotlibAxis, about: Axis) -> None:
+def _set_axis(name: str, axis: MatplotlibAxis, about: Axis) -> None:
     if about.log:
-        axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+        axis.axes.set(**{f"{name}scale": "log"})
     if len(about.words):
         axis.set_ticks(list(about.ticks), list(about.words))
         axis.set_tick_params(which="both", length=0)
     elif len(about.ticks):
         tick_at(axis, about.ticks)
     if about.limits is not None:
-        axis.axes.set(**{f"{axis.axis_name}lim": about.limits})
+        axis.axes.set(**{f"{name}lim": about.limits})
 
 
 @draw.register

@@ -8,7 +8,8 @@ import matplotlib
 import pandas as pd
 from matplotlib import patheffects
 
-from stiction.comparisons.studies.sweep import AMPLITUDE, Sweep
+from stiction.comparisons.studies.stick_threshold import AMPLITUDE
+from stiction.comparisons.studies.sweep import Sweep
 from stiction.reports.figures.style import COLORS, Drawing, panels
 from stiction.scenes import Scene
 

@@ -59,8 +59,9 @@ _RC = {
     "pdf.fonttype": 42,  # TrueType, so that a publisher's tools can read and search the text
     "svg.fonttype": "none", "svg.hashsalt": "stiction",  # text as text; the same bytes for the same data
 }
-_UNDATED = {"png": {"dpi": DPI, "metadata": {"Software": None}}, "pdf": {"metadata": {"CreationDate": None}},
-            "svg": {"metadata": {"Date": None}}}
+_UNDATED: dict[str, dict[str, Any]] = {
+    "png": {"dpi": DPI, "metadata": {"Software": None}}, "pdf": {"metadata": {"CreationDate": None}},
+    "svg": {"metadata": {"Date": None}}}
 """Options of `content` with which the same data give the same bytes."""
 
 

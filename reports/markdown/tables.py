@@ -50,5 +50,6 @@ def fitted(table: pd.DataFrame) -> str:
 
 
 def _cut(most: int, value: object) -> object:
-    long = isinstance(value, str) and len(value) > most
-    return textwrap.shorten(value, most, placeholder="..") if long else value
+    if isinstance(value, str) and len(value) > most:
+        return textwrap.shorten(value, most, placeholder="..")
+    return value

@@ -72,8 +72,8 @@ def _curves(results: Results, scene: str) -> Iterator[Curve]:
     compared = dict(zip(accuracy["key"], accuracy["truth"].map(results.truths.get))) if "truth" in accuracy else {}
     records = one_per_variant(record for record in results.records if record.scene == scene)
     for record in sorted(records, key=lambda record: record.variant.engine != "reference"):
-        shown = record.variant.engine != "reference" or record.trajectory.settings.get("method") == "event"
-        yield Curve(run_label(record), record.trajectory.to_frame(events=True), looks[record.variant.label], shown,
+        shown = record.variant.engine != "reference" or record.run.settings.get("method") == "event"
+        yield Curve(run_label(record), record.run.to_frame(events=True), looks[record.variant.label], shown,
                     compared.get(record.key) or truth)
 
 
@@ -121,12 +121,12 @@ def _view(scene: Scene, truth: Truth | None, curves: Sequence[Curve], panels: Ma
                 common[at] = {load: block.add(sign) for load, sign in signs.items()}
     end = max(float(curve.frame["t"].iloc[-1]) for curve in curves)
     logarithms = _range_of_differences(curves, list(panels))
-    values = [{"label": words, "log": False, "range": ranges[column]} for column, words in panels.items()]
+    shown_as = [{"label": words, "log": False, "range": ranges[column]} for column, words in panels.items()]
     errors = [{"label": f"|difference| of {words}", "log": True, "range": logarithms[column]}
               for column, words in panels.items()]
-    content = {"x": {"label": "t [s]", "range": [0.0, end], "snap": SAMPLE}, "series": series,
+    content: dict[str, Any] = {"x": {"label": "t [s]", "range": [0.0, end], "snap": SAMPLE}, "series": series,
                "shades": stick_phases(truth),
-               "modes": [{"name": "values", "digits": 3, "panels": values},
+               "modes": [{"name": "values", "digits": 3, "panels": shown_as},
                          {"name": "differences from the truth", "digits": 2, "panels": errors}]}
     if drawn:
         content["film"] = {**_film(scene, drawn[0].frame), "runs": runs, "common": common}

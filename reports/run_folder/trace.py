@@ -37,6 +37,8 @@ class Source:
     ----------
     table : str
         Of the data, without folder and ending.
+    numbers : str
+        Its rows as in the key: ``16-30,45``.
     rows : DataFrame
         Its rows in full precision, by their numbers.
     files : tuple of str
@@ -46,13 +48,14 @@ class Source:
 
     key: str
     table: str
+    numbers: str
     rows: pd.DataFrame
     files: tuple[str, ...]
 
     @property
     def place(self) -> str:
         """``data/torque.csv, row 16-30,45``."""
-        return f"data/{self.table}.csv, row {_KEY.fullmatch(self.key.strip())[3]}"
+        return f"data/{self.table}.csv, row {self.numbers}"
 
 
 def keys(view: TableView) -> list[str]:
@@ -83,11 +86,11 @@ def resolve(run: StoredRun, key: str) -> Source:
     match = _KEY.fullmatch(key.strip())
     names = {letter: name for name, letter in LETTERS.items() if name in run.tables}
     name = (names.get(match[1]) if match[1] else match[2]) if match else None
-    if name not in run.tables:
+    if match is None or name is None or name not in run.tables:
         letters = ", ".join(f"{letter} ({name})" for letter, name in names.items())
         raise InputError(f"key: found {key!r}; expected a letter and rows, such as A12 or J16-30,45, or the name of a "
                          f"table, such as accuracy:12; letters of this run: {letters}")
-    table, numbers = run.tables[name], []
+    table, numbers = run.tables[name], list[int]()
     for part in match[3].split(","):
         ends, _, step = part.partition("/")
         first, _, last = ends.partition("-")
@@ -98,7 +101,7 @@ def resolve(run: StoredRun, key: str) -> Source:
     files = list(rows[TRAJECTORY].dropna()) if TRAJECTORY in rows else []
     truths = rows["truth"].dropna().map(truth_file) if "truth" in rows else []
     files += [file for file in truths if (run.folder / file).is_file()]
-    return Source(key, name, rows, tuple(dict.fromkeys(files)))
+    return Source(key, name, match[3], rows, tuple(dict.fromkeys(files)))
 
 
 def described(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:

@@ -10,9 +10,11 @@ import numpy as np
 
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant
-from stiction.scenes.model import Force, LinearSpring, Revolute, Scene, Translational
+from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Scene, Translational
 from stiction.scenes.trajectory import Trajectory
 
+Point = Sequence[float] | np.ndarray
+"""Coordinates of a point or a vector; shape (2,)."""
 UNIT = 0.03
 """Size of a symbol by the size of what is shown."""
 ROOM = 3.5
@@ -57,12 +59,12 @@ def poses_at(scene: Scene, trajectory: Trajectory | Mapping[str, np.ndarray], ro
                         for name in scene.bodies}
 
 
-def unit_vector(direction: Sequence[float]) -> np.ndarray:
+def unit_vector(direction: Point) -> np.ndarray:
     """Unit vector in a direction; shape (2,)."""
-    return np.array(direction) / np.hypot(*direction)
+    return np.array(direction) / np.hypot(direction[0], direction[1])
 
 
-def axes_along(direction: Sequence[float]) -> np.ndarray:
+def axes_along(direction: Point) -> np.ndarray:
     """Rows: the unit vector in a direction and its normal, turned by +90 degrees.
 
     ``points @ axes_along(d)`` are points given along a direction and across it, ``axes_along(d) @ point`` is the
@@ -90,7 +92,7 @@ def corners(guide: Translational, poses: Poses, size: tuple[float, float]) -> np
     return poses[guide.slider].place(guide.slider_point) + box(size) @ axes
 
 
-def link_ends(bodies: Sequence[str], points: Sequence[Sequence[float]], axis: Sequence[float] | None,
+def link_ends(bodies: Sequence[str], points: Sequence[Point], axis: Point | None,
               poses: Poses) -> tuple[np.ndarray, np.ndarray]:
     """Return the points, in ground axes, between which a spring or drive acts; along its axis, if it has one."""
     first, second = (poses[body].place(point) for body, point in zip(bodies, points))
@@ -103,7 +105,7 @@ def link_ends(bodies: Sequence[str], points: Sequence[Sequence[float]], axis: Se
 def attachments(scene: Scene) -> dict[str, list[np.ndarray]]:
     """Return by body the points, in its own axes, at which something acts on it; each of shape (2,)."""
     points: dict[str, list[np.ndarray]] = {name: [] for name in (GROUND, *scene.bodies)}
-    pairs = [joint for joint in scene.joints.values() if isinstance(joint, Revolute)]
+    pairs: list[Revolute | Drive | LinearSpring] = [*scene.pins.values()]
     pairs += [drive for drive in scene.drives.values() if drive.type == "distance"]
     pairs += [spring for spring in scene.springs.values() if isinstance(spring, LinearSpring)]
     for pair in pairs:
@@ -112,11 +114,11 @@ def attachments(scene: Scene) -> dict[str, list[np.ndarray]]:
     for load in scene.forces.values():
         if isinstance(load, Force):
             points[load.body].append(np.array(load.point))
-    for name, body in scene.bodies.items():
-        rod = math.sqrt(3 * body.inertia / body.mass)
-        for point in points[name][:]:
-            if abs(np.hypot(*point) - rod) < UNIFORM * rod:  # a uniform rod held at an end: the other end is drawn too
-                points[name].append(-point)
+    for name, own in scene.bodies.items():
+        rod = math.sqrt(3 * own.inertia / own.mass)
+        for held in points[name][:]:
+            if abs(np.hypot(*held) - rod) < UNIFORM * rod:  # a uniform rod held at an end: the other end is drawn too
+                points[name].append(-held)
     return points
 
 
@@ -140,7 +142,7 @@ def view_of(scene: Scene, instants: Iterable[Poses]) -> View:
     instants = list(instants)
     held = attachments(scene)
     shown = [pose.place(point) for poses in instants for name, pose in poses.items()
-             for point in (held[name] if name == GROUND else [(0.0, 0.0), *held[name]])]
+             for point in (held[name] if name == GROUND else [np.zeros(2), *held[name]])]
     shown += [corner for guide in scene.guides.values() for poses in instants
               for corner in corners(guide, poses, (guide.length or 0.0, guide.width or 0.0))]
     unit = UNIT * (float(np.max(np.ptp(shown, axis=0))) or 1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from textwrap import wrap
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +13,7 @@ from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 from matplotlib.patheffects import withStroke
 
 from stiction.scenes.laws import evaluate_law
-from stiction.scenes.model import Revolute, Scene
+from stiction.scenes.model import Scene
 from stiction.scenes.pictures.geometry import LONGEST_ARROW, Poses, View, poses_at_start, view_of
 from stiction.scenes.pictures.parts import LOOKS, CornerForce, Label, Link, Look, parts
 from stiction.scenes.pictures.picture import COLORS, WIDTH, Picture, rc
@@ -89,8 +90,9 @@ def draw_mechanism(ax: Axes, scene: Scene, poses: Poses, view: View, t: float = 
 
 
 def _write(ax: Axes, point: np.ndarray, text: str, name: bool, layer: int) -> None:
-    style = {"fontstyle": "italic", "ha": "left", "path_effects": [withStroke(linewidth=2, foreground=COLORS["paper"])]}
-    ax.text(*point, text, fontsize=7, va="center", zorder=layer, **(style if name else {"ha": "center"}))
+    style: dict[str, Any] = {"fontstyle": "italic", "ha": "left",
+                             "path_effects": [withStroke(linewidth=2, foreground=COLORS["paper"])]}
+    ax.text(point[0], point[1], text, fontsize=7, va="center", zorder=layer, **(style if name else {"ha": "center"}))
 
 
 def _stroke(ax: Axes, points: np.ndarray, look: Look, layer: int) -> None:
@@ -109,12 +111,13 @@ def _stroke(ax: Axes, points: np.ndarray, look: Look, layer: int) -> None:
 
 def _legend(scene: Scene) -> list[Line2D | Patch]:
     """Make one entry a kind, with the names of its elements where they are not that word."""
-    kinds = {"pin": [name for name, joint in scene.joints.items() if isinstance(joint, Revolute)],
+    kinds = {"pin": [*scene.pins],
              "guide": scene.guides, "drive": scene.drives, "spring": scene.springs, "load": scene.forces}
-    symbols = {"pin": {"marker": "o", "markerfacecolor": "white", "color": COLORS["ink"], "linestyle": "none"},
-               "drive": {"color": COLORS["drive"], "linewidth": 1.8},
-               "spring": {"color": COLORS["spring"], "marker": "x"},
-               "load": {"color": COLORS["load"], "marker": ">"}}
+    symbols: dict[str, dict[str, Any]] = {
+        "pin": {"marker": "o", "markerfacecolor": "white", "color": COLORS["ink"], "linestyle": "none"},
+        "drive": {"color": COLORS["drive"], "linewidth": 1.8},
+        "spring": {"color": COLORS["spring"], "marker": "x"},
+        "load": {"color": COLORS["load"], "marker": ">"}}
     handles = []
     for kind, names in ((kind, [*names]) for kind, names in kinds.items() if names):
         more = f", .. ({len(names)})" if len(names) > 4 else ""

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Scene, Translational
-from stiction.scenes.pictures.geometry import (AXIS_ARROW, LOAD_ARROW, Poses, View, attachments, axes_along, box,
+from stiction.scenes.pictures.geometry import (AXIS_ARROW, LOAD_ARROW, Point, Poses, View, attachments, axes_along, box,
                                                link_ends, unit_vector)
 
 MOST_NAMES = 12
@@ -23,7 +23,6 @@ SOLID = 0.8
 """Symbols: how thick the solid behind a surface is drawn."""
 COILS = 6
 
-Point = Sequence[float]
 Place = tuple[str, Point]
 """A body and a point in its axes, m."""
 

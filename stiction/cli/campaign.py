@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,6 +21,7 @@ from stiction.cli.render import or_shown, progress, show_summary
 if TYPE_CHECKING:
     from stiction.comparisons.campaigns.campaign import Campaign
     from stiction.comparisons.campaigns.checkpoint import KeptRuns
+    from stiction.comparisons.campaigns.measurement import Row
     from stiction.comparisons.campaigns.nightly import Result
     from stiction.comparisons.results import Results
 
@@ -189,6 +190,8 @@ def baseline_update(
     distinct("--file", path, night)
     chosen = _campaign(campaign, engine, scenes)
     old = files.load_baseline(str(path)) if file is None or file.exists() else files.Baseline(format=files.FORMAT)
+    rows: Sequence[Row]
+    made: Mapping[str, Any]
     if night is not None:
         with about("--night"), open_history(night, write=False) as history:
             name = history.last_finished()

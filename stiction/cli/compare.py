@@ -71,7 +71,7 @@ def _command(study: Study) -> Callable[..., None]:
         from stiction.comparisons.depth import Depth
         from stiction.comparisons.studies.study import Scope
 
-        given = {"engines": tuple(engines) or None, "t_end": t_end, "repeats": repeats}
+        given: dict[str, Any] = {"engines": tuple(engines) or None, "t_end": t_end, "repeats": repeats}
         options = {name: value for name, value in {"drive": drive, "problems": problems}.items() if value is not None}
         for name, value in {**given, **options}.items():
             if value is not None and name not in study.takes:
@@ -117,7 +117,7 @@ def _made(study: Study, scope: Scope, workers: int | None, timeout: float, execu
 
     about = names([scene.name for scene in scope.scenes]) if scope.scenes else study.title
     with open_isolate(executor, workers) as isolated, progress(f"compare {study.name} on {about}") as bar:
-        options = {"workers": workers, "timeout_s": timeout, "isolated": isolated}
+        options: dict[str, Any] = {"workers": workers, "timeout_s": timeout, "isolated": isolated}
         comparison = planned(scope, [study], **options)[study]
         return union(make([comparison], timed_by=isolate, on_start=bar.start, on_result=bar.result, **options))
 

@@ -69,17 +69,18 @@ def _engines(given: list[str]) -> list[str]:
     return names
 
 
-def _settings(given: list[str]) -> list[tuple[str, Any]]:
+def settings_of(given: Sequence[str]) -> dict[str, Any]:
     """Settings of an engine from ``KEY=VALUE``: values as TOML has them, anything else a word."""
-    settings = []
+    settings: dict[str, Any] = {}
     for text in given:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not (key.isidentifier() and equals and value):
-            raise typer.BadParameter(f"found {text!r}; expected KEY=VALUE such as stabilization=projection")
+            raise typer.BadParameter(f"found {text!r}; expected KEY=VALUE such as stabilization=projection",
+                                     param_hint="--setting")
         try:
-            settings.append((key, tomllib.loads(f"value = {value}")["value"]))
+            settings[key] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
-            settings.append((key, value))
+            settings[key] = value
     return settings
 
 
@@ -146,7 +147,7 @@ Overrides = Annotated[list[str], typer.Option(
     "--set", metavar="KEY=VALUE", help="Replace a value of the scene: F0=4, motor.rate=pi/2, guide.mu=0.1, "
     "bar.position.0=1, gravity=[0,-1.62]; without a value, remove it. Repeatable.")]
 Settings = Annotated[list[str], typer.Option(
-    "--setting", metavar="KEY=VALUE", callback=_settings,
+    "--setting", metavar="KEY=VALUE",
     help="A setting of the engine, e.g. stabilization=projection. Repeatable.")]
 EngineName = Annotated[str, typer.Option("--engine", metavar="NAME", help="See `stiction engines`; or module:Class.")]
 Fidelity = Annotated[str, typer.Option(

@@ -109,7 +109,7 @@ def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | 
         with whole_file(plot) as partial:
             trajectory.plot().write(partial, plot.suffix.lower().removeprefix("."))
         print(plot)
-    if animation is not None:
+    if animation is not None and trajectory.mechanism is not None:
         from stiction.scenes.pictures.animation import animate
 
         with whole_file(animation) as partial:

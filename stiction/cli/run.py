@@ -12,7 +12,7 @@ import typer
 
 from stiction.cli.exit_codes import FAILED, ended, interrupted, say
 from stiction.cli.options import (Assemble, EndTime, EngineName, ExecutorName, Fidelity, Overrides, SceneName, Settings,
-                                  TableFile, Timeout, Workers, about, distinct, listed, positive, scene_of)
+                                  TableFile, Timeout, Workers, about, distinct, listed, positive, scene_of, settings_of)
 from stiction.cli.pictures import Animation, Plot, check_pictures, write_pictures
 from stiction.cli.prove import verified_set
 from stiction.cli.render import EVENTS_SHOWN, or_shown, progress, show, show_table, show_trajectory, write_table
@@ -43,7 +43,7 @@ def run(scene: SceneName, engine: EngineName = "reference", fidelity: Fidelity =
     """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
     from stiction.engines.command_run import run_as_asked
 
-    loaded, chosen = scene_of(scene, overrides), dict(settings)
+    loaded, chosen = scene_of(scene, overrides), settings_of(settings)
     check_pictures(plot, animation, out)
     if dt is not None and rtol is not None:
         raise typer.BadParameter(f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance",

@@ -19,6 +19,7 @@ from flint import arb, fmpq
 from stiction.comparisons.proof.enclosures import NotProven
 from stiction.scenes import Scene
 from stiction.scenes.expressions import evaluate
+from stiction.scenes.fields import Model
 
 _MOST_FACTORS = 64
 
@@ -131,7 +132,8 @@ _FUNCTIONS = {"sqrt": Exact.sqrt, "deg": lambda x: x * Exact.of(Fraction(1, 180)
               "tan": lambda x: Exact(x.ball.tan()), "atan": lambda x: Exact(x.ball.atan())}
 _BINARY = {ast.Add: Exact.__add__, ast.Sub: Exact.__sub__, ast.Mult: Exact.__mul__, ast.Div: Exact.__truediv__,
            ast.Pow: Exact.power}
-ZERO, ONE = Exact.of(0), Exact.of(1)
+ZERO: Exact = Exact.of(0)
+ONE: Exact = Exact.of(1)
 
 
 def exact(value: float | int | str, names: Mapping[str, Exact]) -> Exact:
@@ -145,8 +147,8 @@ def exact(value: float | int | str, names: Mapping[str, Exact]) -> Exact:
 
 def _exact(node: ast.expr, text: str, names: Mapping[str, Exact]) -> Exact:
     if isinstance(node, ast.Constant):
-        whole = isinstance(node.value, int)
-        return Exact.of(node.value if whole else Fraction(ast.get_source_segment(text, node)))
+        written = ast.get_source_segment(text, node) or repr(node.value)
+        return Exact.of(node.value if isinstance(node.value, int) else Fraction(written))
     if isinstance(node, ast.Name):
         return names.get(node.id, Exact.of(1, 1))
     if isinstance(node, ast.BinOp):
@@ -154,14 +156,17 @@ def _exact(node: ast.expr, text: str, names: Mapping[str, Exact]) -> Exact:
     if isinstance(node, ast.UnaryOp):
         inner = _exact(node.operand, text, names)
         return -inner if isinstance(node.op, ast.USub) else inner
-    return _FUNCTIONS[node.func.id](_exact(node.args[0], text, names))
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        return _FUNCTIONS[node.func.id](_exact(node.args[0], text, names))
+    raise ValueError(f"found {ast.unparse(node)!r}; expected numbers, names, arithmetic and functions")
 
 
 class ExactScene:
     """The numbers of a scene by where they stand, at the working precision."""
 
     def __init__(self, scene: Scene):
-        self.scene, self.parameters = scene, {}
+        self.scene = scene
+        self.parameters: dict[str, Exact] = {}
         for name, value in scene._raw.get("parameters", {}).items():
             self.parameters[name] = exact(value, self.parameters)
 
@@ -174,7 +179,7 @@ class ExactScene:
         except (KeyError, IndexError):
             place = self.scene
             for key in path:
-                place = place[key] if isinstance(place, (Mapping, tuple)) else getattr(place, key)
+                place = getattr(place, key) if isinstance(key, str) and isinstance(place, Model) else place[key]
         return exact(place, self.parameters)
 
     def vector(self, *path: str | int) -> tuple[Exact, Exact]:

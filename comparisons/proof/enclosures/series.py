@@ -94,7 +94,7 @@ class Jet:
         return self._map(self.value.cos(), -self.value.sin())
 
 
-def halves(state: Sequence[Any]) -> tuple[Sequence[Any], Sequence[Any]]:
+def halves(state: list[Any]) -> tuple[list[Any], list[Any]]:
     """Split a state into its q and v."""
     return state[:len(state) // 2], state[len(state) // 2:]
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 from flint import arb, arb_series
 
+from stiction.comparisons.proof.enclosures.arc import APriori
 from stiction.comparisons.proof.enclosures.exact import ZERO, ExactScene
 from stiction.comparisons.proof.enclosures.series import Value
 from stiction.comparisons.proof.enclosures.zeros import Undecided
@@ -54,13 +55,20 @@ class Contact:
         width = arb(0) if guide.width is None else exact(*path, "width").ball
         return cls(length, width, mu.ball, mus.ball, mu.equals(mus), mus.is_zero)
 
+    @property
+    def between_corners(self) -> arb:
+        """a; raises ValueError for a slider without corner forces."""
+        if self.length is None:
+            raise ValueError("length: found none; expected that of a slider with corner forces")
+        return self.length
+
     def friction(self, slip: int) -> arb:
         """s mu."""
         return arb(0) if self.frictionless else slip * self.mu
 
     def difference(self, R: Value, M: Value, friction: arb) -> Value:
         """D with s mu, or s mus, = friction."""
-        return (M + R * (friction * self.width / 2)) * (2 / self.length)
+        return (M + R * (friction * self.width / 2)) * (2 / self.between_corners)
 
     def load(self, R: Value, M: Value, mode: Mode) -> Value:
         """N in slip: E R + T D, with E = (e1 + e2)/2 and T = (e2 - e1)/2, of which one is zero."""
@@ -70,7 +78,7 @@ class Contact:
         return self.difference(R, M, self.friction(slip)) * e2
 
 
-class OneSlider(ProvableMechanism):
+class OneSlider(ProvableMechanism[Mode, str | int]):
     """A mechanism with one slider on a surface of speed u, m/s; `at_rest` where x' = u exactly at t = 0."""
 
     contact: Contact
@@ -99,6 +107,10 @@ class OneSlider(ProvableMechanism):
         loads = [R] if contact.length is None else [R, contact.difference(R, M, s * contact.mus)]
         return [load * (sign * contact.mus) - P * s for load in loads for sign in (1, -1)]
 
+    @abstractmethod
+    def require_unique(self, mode: Mode, t: arb, bound: APriori | None = None) -> None:
+        """Prove it as the base does, or at an instant where there is no bound."""
+
     def held(self, mode: Mode) -> Mapping[int, arb]:
         return {0: self.surface} if mode[0] == 0 else {}
 
@@ -115,7 +127,7 @@ class OneSlider(ProvableMechanism):
 
     def after(self, mode: Mode, guard: str | int, t: arb, q: list[arb], v: list[arb]) -> Next:
         slip, e1, e2 = mode
-        if slip == 0:
+        if isinstance(guard, int):  # at rest they are directions
             return self._slipping(guard, t, q, v, "slip", self.contact.one_coefficient)
         if guard == SLIP:
             return self._from_rest(t, q, v, True)

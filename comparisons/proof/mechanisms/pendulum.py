@@ -20,7 +20,7 @@ SWING = "swing"
 
 
 @dataclass(frozen=True)
-class Pendulum(ProvableMechanism):
+class Pendulum(ProvableMechanism[str, str]):
     """Length and gravity, pivot, angle from the lowest position and its rate at t = 0 (q, v)."""
 
     length: arb

@@ -40,7 +40,7 @@ class SceneReader(ExactScene):
 
     def part(self, section: str, label: str, *path: str | int) -> Exact:
         """A number of a part of the structure; zero where the scene has no such part."""
-        name = self.found.name(label) if label in self.found.elements else None
+        name = next(iter(self.found.elements.get(label, ())), None)
         return ZERO if name is None else self(section, name, *path)
 
     def gravity(self) -> tuple[Exact, Exact]:

@@ -113,7 +113,7 @@ class SlidingMass(OneSlider):
         friction, inertia = contact.friction(slip), arb_series([self.mass], t.prec)
         N = contact.load(self._normal(t), self._moment(t, zero), mode)
         if e1 != e2:
-            inertia = inertia - friction * e2 * (2 / contact.length) * self.c * self._theta(t).sin()
+            inertia = inertia - friction * e2 * (2 / contact.between_corners) * self.c * self._theta(t).sin()
         factor = quotient(arb_series([1], t.prec), inertia)
         push = (self._load(t) - friction * N) * factor
         stiffness, damping = factor * self.stiffness, factor * self.damping

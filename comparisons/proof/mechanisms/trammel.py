@@ -47,14 +47,14 @@ from stiction.scenes.model import Torque
 Mode = tuple[int, int, int, int, int]
 """Direction of p', sx, sy, ex, ey."""
 _TURN, _NORMALS = 0, 3
-_SIGNS = tuple(product((1, -1), repeat=2))
+_SIGNS = tuple(product((1, -1), (1, -1)))
 GUIDES, SLIDERS = ("guide-x", "guide-y"), ("slider-x", "slider-y")
 PROVABLE = replace(TRAMMEL, parts={label: TRAMMEL.parts[label] for label in ("pin-x", "pin-y", *GUIDES)} | {
     "torques": Part(Torque, "bar", count=SEVERAL, law=Constant | Sine)})
 
 
 @dataclass(frozen=True)
-class Trammel(ProvableMechanism):
+class Trammel(ProvableMechanism[Mode, int]):
     """Parameters as in the module's text.
 
     `arms` are lx, ly; `inertia` J, K; `moments` Hx, Hy; `torque` is the constant part of T, `loads` the others.
@@ -129,16 +129,15 @@ class Trammel(ProvableMechanism):
     def after(self, mode: Mode, guard: int, t, q, v) -> Next:
         if guard == _TURN:
             raise Undecided("the bar stops: both guides rest at once, and what each of them holds is open", t)
-        changed = list(mode)
-        changed[guard] *= -1
+        turn, sx, sy, ex, ey = (-sign if place == guard else sign for place, sign in enumerate(mode))
         if guard >= _NORMALS:
-            return Next(tuple(changed), {guard: 1}, "corner")
-        return Next(self._pressed(*changed[:_NORMALS], t, q, v), {guard: 1}, "reversal", False)
+            return Next((turn, sx, sy, ex, ey), {guard: 1}, "corner")
+        return Next(self._pressed(turn, sx, sy, t, q, v), {guard: 1}, "reversal", False)
 
     def _pressed(self, turn: int, sx: int, sy: int, t: arb, q: list[arb], v: list[arb]) -> Mode:
         """The mode with the signs of Rx and Ry that are consistent: the only ones, as p'' is unique."""
-        for signs in _SIGNS:
-            mode = (turn, sx, sy, *signs)
+        for ex, ey in _SIGNS:
+            mode = turn, sx, sy, ex, ey
             guards = self.guards_at(mode, t, q, v)
             if all(value > 0 for number in range(_NORMALS, len(mode)) for value in guards[number]):
                 return mode
@@ -146,8 +145,9 @@ class Trammel(ProvableMechanism):
 
     def require_unique(self, mode: Mode, t, bound) -> None:
         p, rate = constants(bound.state)
-        for signs in _SIGNS:
-            if not self._balance(p, rate, (*mode[:_NORMALS], *signs))[1][0] > 0:
+        turn, sx, sy, *_ = mode
+        for ex, ey in _SIGNS:
+            if not self._balance(p, rate, (turn, sx, sy, ex, ey))[1][0] > 0:
                 raise Undecided("friction gain < 1, on which existence and uniqueness rest", t)
 
     def event_joint(self, before: Mode, after: Mode) -> str:

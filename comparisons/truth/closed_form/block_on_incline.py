@@ -61,14 +61,14 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         owner = np.searchsorted([later.start for later in motion[1:]], t, side="right" if side == "after" else "left")
-        now = _Phase(*(np.array(column)[owner] for column in zip(*motion)))
-        since = t - now.start
-        s, v = now.x + now.v * since + now.a * since ** 2 / 2, now.v + now.a * since
-        friction = np.where(now.slip != 0, -now.slip * capacity(contact.mu), -pull)
+        start, x, speed, a, slip = (np.array(column)[owner] for column in zip(*motion))
+        since = t - start
+        s, v = x + speed * since + a * since ** 2 / 2, speed + a * since
+        friction = np.where(slip != 0, -slip * capacity(contact.mu), -pull)
         offset = np.array(guide.point) + (position @ across) * across
         d = direction[:, None]
-        return body_columns(block, offset[:, None] + d * s, d * v, d * now.a) | contact.columns(
-            name, np.full(len(t), R), np.zeros(len(t)), contact.mobilization(R, 0.0, friction), now.slip.astype(float),
+        return body_columns(block, offset[:, None] + d * s, d * v, d * a) | contact.columns(
+            name, np.full(len(t), R), np.zeros(len(t)), contact.mobilization(R, 0.0, friction), slip.astype(float),
             displacement=s, slip_velocity=v)
 
     switches = [(later.start, "reversal" if later.slip else "stick", name) for later in motion[1:]

@@ -41,7 +41,7 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     length = 2 * max(arms, default=0.0)
     row = _row(loops, length)
     row.match(scene)
-    bar, g = scene.bodies["upright-0"], -scene.gravity[1]
+    bar, g = scene.bodies["upright-0"], -(scene.gravity or (0.0, 0.0))[1]
     uniform = bar.mass * length ** 2 / 12
     if any(body.mass != bar.mass or abs(body.inertia - uniform) >= 1e-12 for body in scene.bodies.values()):
         raise row.misfit(scene, f"bodies: expected uniform bars alike, of {bar.mass:g} kg and {length:g} m")
@@ -53,7 +53,7 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
         along, across = np.array([np.cos(th), np.sin(th)]), np.array([-np.sin(th), np.cos(th)])
         tip, tip_v = length * along, length * omega * across
         tip_a = length * (alpha * across - omega ** 2 * along)
-        values, zero = {}, np.zeros_like(t)
+        values, zero = dict[str, np.ndarray](), np.zeros_like(t)
         for i in range(loops + 1):
             centre = np.array([[i * length], [0]]) + tip / 2
             values |= body_columns(f"upright-{i}", (*centre, th), (*tip_v / 2, omega), (*tip_a / 2, alpha))

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine
 from stiction.scenes.model import Drive, Force, LinearSpring, Translational
 
-_GUIDE = {"direction": FORWARD, "slider_point": CENTRE, "angle": 0, "frictional": True}
+_GUIDE: dict[str, Any] = {"direction": FORWARD, "slider_point": CENTRE, "angle": 0, "frictional": True}
 _OTHERS = {"spring": Part(LinearSpring, "mass", GROUND, points=(CENTRE, ANY), stiffness=POSITIVE, damping=0,
                           where=PULLS_ALONG_X),
            "force": Part(Force, "mass", count=OPTIONAL, point=CENTRE, direction=FORWARD, law=Constant | Sine)}

@@ -118,12 +118,13 @@ def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
     motor, spring, twist = found["motor"], found["spring"], found["twist"]
     if motor and (motor.law.offset, motor.law.rate) != (arm.angle, arm.angular_velocity):
         raise TURNING_ARM.misfit(scene, f"{found.name('motor')}: expected a drive that meets the start of the arm")
-    linear = (spring.stiffness, spring.damping, spring.points[1][0] + spring.rest_length) if spring else (0.0, 0.0, 0.0)
+    stiffness, damping, rest = ((spring.stiffness, spring.damping, spring.points[1][0] + spring.rest_length) if spring
+                                else (0.0, 0.0, 0.0))
     torsional = (twist.stiffness, twist.damping, twist.rest_angle) if twist else (0.0, 0.0, 0.0)
     pivot = found["pivot"].points[1]
-    mechanism = MovingGuide(slider.mass, slider.inertia, arm.mass, arm.inertia, scene.gravity or (0.0, 0.0), *linear,
-                            *torsional, Contact.of(found["guide"]), pivot,
-                            (found.name("pivot"), found.name("guide"), found.name("motor")))
+    mechanism = MovingGuide(slider.mass, slider.inertia, arm.mass, arm.inertia, scene.gravity or (0.0, 0.0), stiffness,
+                            damping, rest, torsional[0], torsional[1], torsional[2], Contact.of(found["guide"]), pivot,
+                            (found.name("pivot"), found.name("guide"), found.name("motor") if motor else None))
     along = np.array([np.cos(arm.angle), np.sin(arm.angle)])
     r = float((np.array(slider.position) - np.array(pivot)) @ along)
     q, v = np.array([r, arm.angle]), np.array([float(np.array(slider.velocity) @ along), arm.angular_velocity])

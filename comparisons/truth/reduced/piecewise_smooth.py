@@ -17,8 +17,9 @@ zero, or for break-away without a jump (mus = mu).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -55,14 +56,17 @@ class NoMotion(TruthRefused):
         self.time = time
 
 
-class PiecewiseMechanism(ABC):
+AMode = TypeVar("AMode", bound=Hashable)
+
+
+class PiecewiseMechanism(ABC, Generic[AMode]):
     """A reduced mechanism whose equation of motion is smooth within each mode.
 
     Arrays: t (k,), q, v, a (n, k) for n coordinates at k instants.
     """
 
     @abstractmethod
-    def acceleration(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Hashable) -> np.ndarray:
+    def acceleration(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: AMode) -> np.ndarray:
         """q'' in a mode, shape (n, k); must continue smoothly somewhat beyond the end of the mode."""
 
     @property
@@ -81,16 +85,16 @@ class PiecewiseMechanism(ABC):
         return _FAST / max(_FAST, self.fastest)
 
     @abstractmethod
-    def guards(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: Hashable) -> np.ndarray:
+    def guards(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: AMode) -> np.ndarray:
         """Return guards, shape (m, p, k): the mode lasts while the largest of each one's p functions is positive."""
 
-    def limits(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Hashable) -> np.ndarray:
+    def limits(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: AMode) -> np.ndarray:
         """Functions as of `guards`, shape (m, p, k), positive while the motion of the mode is the only one."""
         return np.empty((0, 1, len(t)))
 
     @abstractmethod
-    def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Hashable | None,
-                   guard: int | None) -> Iterator[list[tuple[Hashable, np.ndarray]]]:
+    def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: AMode | None,
+                   guard: int | None) -> Iterator[list[tuple[AMode, np.ndarray]]]:
         """Modes that may follow when `guard` of `mode` reached zero, each with the velocity (n,) it starts with.
 
         They come in groups, of which one is tried only if no mode of those before it holds; NoMotion is raised where
@@ -98,26 +102,26 @@ class PiecewiseMechanism(ABC):
         """
 
     @abstractmethod
-    def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Hashable) -> dict[str, np.ndarray]:
+    def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: AMode) -> dict[str, np.ndarray]:
         """All columns of a Trajectory within a mode, each (k,)."""
 
     @abstractmethod
-    def slip(self, mode: Hashable) -> tuple[int, ...]:
+    def slip(self, mode: AMode) -> tuple[int, ...]:
         """Per guide the direction of slip, 0 in stick."""
 
-    def corner_guide(self, mode: Hashable, guard: int) -> int:
+    def corner_guide(self, mode: AMode, guard: int) -> int:
         """Number of the guide whose corner force a guard of a mode watches."""
         return 0
 
 
 @dataclass(frozen=True)
-class Segment:
+class Segment(Generic[AMode]):
     """A collocation step: Chebyshev coefficients over [start, start + length], valid up to `end`."""
 
     start: float
     length: float
     end: float
-    mode: Hashable
+    mode: AMode
     position: np.ndarray
     velocity: np.ndarray
 
@@ -132,10 +136,10 @@ class Switch:
 
 
 @dataclass(frozen=True)
-class Motion:
+class Motion(Generic[AMode]):
     """The whole motion of a reduced mechanism."""
 
-    segments: tuple[Segment, ...]
+    segments: tuple[Segment[AMode], ...]
     switches: tuple[Switch, ...]
 
     def owner(self, t: np.ndarray, side: str) -> np.ndarray:
@@ -148,8 +152,9 @@ class Motion:
         start, length, position, velocity = (np.array([getattr(s, name) for s in self.segments])[owner]
                                              for name in ("start", "length", "position", "velocity"))
         x = 2 * (t - start) / length - 1
-        return tuple(chebyshev.chebval(x, np.moveaxis(series, -1, 0).swapaxes(1, 2), tensor=False)
-                     for series in (position, velocity))
+        q, v = (chebyshev.chebval(x, np.moveaxis(series, -1, 0).swapaxes(1, 2), tensor=False)
+                for series in (position, velocity))
+        return q, v
 
     def final_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Return q and v at the end, each (n,)."""
@@ -172,10 +177,10 @@ class Collocation:
         self._velocity = chebyshev.chebval(self.nodes, self._once.T).T @ self.to_coefficients
         self._position = chebyshev.chebval(self.nodes, self._twice.T).T @ self.to_coefficients
         self._derivative = np.array([np.append(chebyshev.chebder(row), 0.0) for row in identity]).T
-        self._halves = [np.array([chebyshev.chebinterpolate(lambda x: chebyshev.chebval((x + side) / 2, row), order - 1)
+        self._halves = [np.array([_series(lambda x: chebyshev.chebval((x + side) / 2, row), order)
                                   for row in identity]).T for side in (-1, 1)]
 
-    def solve(self, mechanism: PiecewiseMechanism, mode: Hashable, t0: float, q0: np.ndarray, v0: np.ndarray,
+    def solve(self, mechanism: PiecewiseMechanism[AMode], mode: AMode, t0: float, q0: np.ndarray, v0: np.ndarray,
               h: float) -> tuple[np.ndarray, ...] | None:
         """Instants, q, v, a at the nodes of the step [t0, t0 + h]; None if h is too long for full precision."""
         s = h / 2
@@ -200,7 +205,7 @@ class Collocation:
         tail = np.abs(a @ self.to_coefficients.T)[:, -3:]
         return (t, q, v, a) if np.max(tail) <= _NOISE * scale else None
 
-    def segment(self, mode: Hashable, t0: float, q0: np.ndarray, v0: np.ndarray, h: float, end: float,
+    def segment(self, mode: AMode, t0: float, q0: np.ndarray, v0: np.ndarray, h: float, end: float,
                 a: np.ndarray) -> Segment:
         """Polynomials of the solved step."""
         s = h / 2
@@ -262,8 +267,14 @@ class Collocation:
                     + self._roots(right, middle, high, halvings - 1, zero))
         else:
             complex_roots = chebyshev.chebroots(chebyshev.chebtrim(series, 4 * _ROUNDING * np.max(size)))
-            found = complex_roots.real[(np.abs(complex_roots.imag) < 1e-10) & (np.abs(complex_roots.real) <= 1)]
+            real = (np.abs(complex_roots.imag) < 1e-10) & (np.abs(complex_roots.real) <= 1)
+            found = complex_roots.real[real].tolist()
         return [low + (high - low) * (float(x) + 1) / 2 for x in found]
+
+
+def _series(function: Callable[[np.ndarray], np.ndarray], order: int) -> np.ndarray:
+    """Coefficients (order,) of the series that agrees with a function at Chebyshev's points."""
+    return chebyshev.chebinterpolate(function, order - 1)
 
 
 def _clenshaw(x: float, backwards: list[float]) -> float:
@@ -274,8 +285,8 @@ def _clenshaw(x: float, backwards: list[float]) -> float:
     return backwards[-1] + x * one - two
 
 
-def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.ndarray, v0: np.ndarray,
-              collocation: Collocation) -> Motion:
+def integrate(mechanism: PiecewiseMechanism[AMode], t0: float, t_end: float, q0: np.ndarray, v0: np.ndarray,
+              collocation: Collocation) -> Motion[AMode]:
     """Integrate the motion from (t0, q0, v0) to t_end.
 
     Raises
@@ -286,7 +297,7 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
         Where none is consistent to rounding later on.
     """
     t, q, v = float(t0), np.array(q0, dtype=float), np.array(v0, dtype=float)
-    segments: list[Segment] = []
+    segments: list[Segment[AMode]] = []
     switches: list[Switch] = []
     mode, v, ignored = _next_mode(mechanism, collocation, t, q, v, None, None)
     h, junction = collocation.longest_step, _JUNCTION * mechanism.pace
@@ -294,7 +305,9 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
         h = min(h, collocation.longest_step)
         solved = collocation.solve(mechanism, mode, t, q, v, h)
         if solved is not None:
-            guards, limits = mechanism.guards(*solved, mode), mechanism.limits(*solved[:3], mode)
+            instants, positions, velocities, accelerations = solved
+            guards = mechanism.guards(instants, positions, velocities, accelerations, mode)
+            limits = mechanism.limits(instants, positions, velocities, mode)
         if solved is None or not all(collocation.resolves(f, mechanism.magnitude) for f in (guards, limits)):
             h /= 2
             if h < _SHORTEST_STEP * mechanism.pace:
@@ -305,11 +318,10 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
             raise NoMotion(f"several motions, or none, besides mode {mode}: friction adds more load than inertia takes "
                            "away", t + limit[0])
         end = t + (h if root is None else root[0])
-        ended = root is not None and end < t_end
         segments.append(collocation.segment(mode, t, q, v, h, min(end, t_end), solved[3]))
         t = segments[-1].end
         q, v = Motion((segments[-1],), ()).final_state()
-        if ended:
+        if root is not None and end < t_end:
             if len(switches) == _SWITCH_LIMIT:
                 raise NoMotion(f"more than {_SWITCH_LIMIT} changes of mode", t)
             switches.append(Switch(t, len(segments), root[1]))
@@ -319,8 +331,8 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
     return Motion(tuple(segments), tuple(switches))
 
 
-def _next_mode(mechanism: PiecewiseMechanism, collocation: Collocation, t: float, q: np.ndarray, v: np.ndarray,
-               mode: Hashable | None, guard: int | None) -> tuple[Hashable, np.ndarray, float]:
+def _next_mode(mechanism: PiecewiseMechanism[AMode], collocation: Collocation, t: float, q: np.ndarray, v: np.ndarray,
+               mode: AMode | None, guard: int | None) -> tuple[AMode, np.ndarray, float]:
     """The mode from t on, its initial velocity, and the time from t on in which guards are known to be positive."""
     later = slice(collocation.order // 2, None)
     for trial in (mechanism.pace * seconds for seconds in TRIAL_STEPS):
@@ -329,7 +341,8 @@ def _next_mode(mechanism: PiecewiseMechanism, collocation: Collocation, t: float
             for candidate, velocity in group:
                 solved = collocation.solve(mechanism, candidate, t, q, velocity, trial)
                 if solved is not None:
-                    values = mechanism.guards(*(array[..., later] for array in solved), candidate)
+                    instants, positions, velocities, accelerations = (array[..., later] for array in solved)
+                    values = mechanism.guards(instants, positions, velocities, accelerations, candidate)
                     if np.all(np.max(values, axis=1) >= 0):
                         consistent.append((candidate, velocity, solved[3][:, -1]))
             if consistent:

@@ -16,6 +16,7 @@ from scipy.interpolate import BarycentricInterpolator
 
 from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation, Motion, NoMotion, integrate
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
+from stiction.comparisons.truth.reduced.slider_contact import Mode
 from stiction.comparisons.truth.truth import TruthRefused
 from stiction.scenes import InputError, Scene
 
@@ -48,7 +49,7 @@ class SteadyState:
     """
 
     periods: int
-    motion: Motion
+    motion: Motion[Mode]
     multipliers: tuple[complex, ...]
     residual: float
 
@@ -95,7 +96,7 @@ def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None)
                         f"{mechanism.F0:.9g} N within {SETTLING} periods")
 
 
-def _period(mechanism: SliderBar, state: np.ndarray, n: int, steps: Collocation = _STEPS) -> Motion:
+def _period(mechanism: SliderBar, state: np.ndarray, n: int, steps: Collocation = _STEPS) -> Motion[Mode]:
     return integrate(mechanism, 0.0, n * mechanism.period(), state[:1], state[1:], steps)
 
 
@@ -238,11 +239,12 @@ def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
         middle = (low + high) / 2
         low, high = (middle, high) if sticks(middle) else (low, middle)
     end = _end_of_sliding(mechanism, steady[high], low, high)
-    if end is not None:
+    if end is not None and end.F0 is not None and end.uncertainty is not None:
         offset = (high - low) / _PARTS
-        if sticks(end.F0 - offset) and not sticks(end.F0 + offset):
-            below, above = (margin(replace(mechanism, F0=F0), steady[F0]) for F0 in (end.F0 - offset, end.F0 + offset))
-            low, high = end.F0 + _SEEN * end.F0, end.F0 + offset
+        sides = end.F0 - offset, end.F0 + offset
+        if sticks(sides[0]) and not sticks(sides[1]):
+            below, above = (margin(replace(mechanism, F0=F0), steady[F0]) for F0 in sides)
+            low, high = end.F0 + _SEEN * end.F0, sides[1]
             if not sticks(low):
                 # a margin that runs on through zero is that of one steady state; above a jump its basin may be small
                 jumps = not 0.25 < -below / above < 4
@@ -292,14 +294,16 @@ def _end_of_sliding(mechanism: SliderBar, sliding: SteadyState, low: float, high
     if way is None or end < low:
         return None
     amplitudes = end + step * np.arange(1, _NODES + 1)
-    steady = [_followed(mechanism, sliding, F0) for F0 in amplitudes]
-    if None in steady:
+    followed = [_followed(mechanism, sliding, F0) for F0 in amplitudes]
+    steady = [one for one in followed if one is not None]
+    if len(steady) < len(followed):
         return None
     check = _period(replace(mechanism, F0=amplitudes[0]), steady[0].state, sliding.periods, _CHECK)
     motions = [*(one.motion for one in steady), check]
-    found = [_left_until_rest(replace(mechanism, F0=F0), motion).get(way)
-             for F0, motion in zip([*amplitudes, amplitudes[0]], motions)]
-    if None in found:
+    left = [_left_until_rest(replace(mechanism, F0=F0), motion).get(way)
+            for F0, motion in zip([*amplitudes, amplitudes[0]], motions)]
+    found = [rest for rest in left if rest is not None]
+    if len(found) < len(left):
         return None
     *values, other = found
     root, coarser = (float(BarycentricInterpolator(values[:n], amplitudes[:n])(0.0)) for n in (_NODES, _NODES - 1))

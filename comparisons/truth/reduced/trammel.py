@@ -67,7 +67,7 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class Trammel(PiecewiseMechanism):
+class Trammel(PiecewiseMechanism[Mode]):
     """Parameters as in the module's text; `gravity` is a vector."""
 
     m: float
@@ -131,7 +131,7 @@ class Trammel(PiecewiseMechanism):
 
     def guards(self, t, q, v, a, mode: Mode):
         p, rate = q[0], v[0]
-        rho = self.mobilization(t, p, mode) if mode.turn == 0 else None
+        rho = self.mobilization(t, p, mode) if mode.turn == 0 else 0.0
         Rx, Ry, _, _ = self._balance(t, p, rate, a[0], *self._friction(p, mode, rho))
         normals = [mode.signs[0] * Rx, mode.signs[1] * Ry]
         if mode.turn == 0:
@@ -140,7 +140,7 @@ class Trammel(PiecewiseMechanism):
         return np.array([mode.turn * rate, *geometry, *normals])[:, None]
 
     def candidates(self, t: float, q, v, mode: Mode | None, guard: int | None):
-        signs = list(product((1, -1), repeat=2))
+        signs = list(product((1, -1), (1, -1)))
         rest = np.zeros(1)
         if v[0] == 0 if mode is None else mode.turn == 0 or guard == 0:
             moving = [(Mode(turn, slip, sign), rest) for turn in (1, -1) for slip in signs for sign in signs]
@@ -165,7 +165,7 @@ class Trammel(PiecewiseMechanism):
         values = {"bar.angle": -p, "bar.omega": -rate, "bar.alpha": -turn}
         for name, x, y in (("bar", self.ly, self.lx), ("slider-x", self.L, 0.0), ("slider-y", 0.0, self.L)):
             values |= body_columns(name, (x * cos, y * sin), (x * c1, y * s1), (x * c2, y * s2))
-        rho = self.mobilization(t, p, mode) if mode.turn == 0 else None
+        rho = self.mobilization(t, p, mode) if mode.turn == 0 else 0.0
         c = self._friction(p, mode, rho)
         Rx, Ry, _, (Hx, Vx, Hy, Vy) = self._balance(t, p, rate, turn, *c)
         values |= {"pin-x.fx": -Hx, "pin-x.fy": -Vx, "pin-y.fx": -Hy, "pin-y.fy": -Vy}
@@ -205,8 +205,9 @@ def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
     mechanism = Trammel(
         m=bar.mass, inertia=bar.inertia, lx=found["pin-x"].points[0][0], ly=-found["pin-y"].points[0][0],
         mx=scene.bodies["slider-x"].mass, my=scene.bodies["slider-y"].mass, gravity=scene.gravity or (0.0, 0.0),
-        contacts=tuple(map(Contact.of, guides)), applied=(_applied(scene, found, "x"), _applied(scene, found, "y")),
-        torque=lambda t: sum((evaluate_law(law, t)[0] for law in torques), np.zeros_like(t)))
+        contacts=(Contact.of(guides[0]), Contact.of(guides[1])),
+        applied=(_applied(scene, found, "x"), _applied(scene, found, "y")),
+        torque=lambda t: sum((np.asarray(evaluate_law(law, t)[0]) for law in torques), np.zeros_like(t)))
     return truth_of(scene, ("guide-x", "guide-y"), mechanism, np.array([-bar.angle]), np.array([-bar.angular_velocity]),
                     t_end)
 

@@ -43,7 +43,7 @@ def motion_events(mechanism: PiecewiseMechanism, motion: Motion, guides: tuple[s
 
     A guide at rest that goes on resting (its margin touches zero) has none.
     """
-    switches = [(switch, *(motion.segments[i].mode for i in (switch.index - 1, switch.index)))
+    switches = [(switch, motion.segments[switch.index - 1].mode, motion.segments[switch.index].mode)
                 for switch in motion.switches]
     switches = [(switch, before, after) for switch, before, after in switches if before != after]
     times = np.array([switch.time for switch, _, _ in switches])

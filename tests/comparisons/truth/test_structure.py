@@ -15,7 +15,8 @@ def test_elements_by_part_and_bodies_by_role():
     found = ON_BELT.match(load_scene("mass-on-belt"))
     assert found.bodies == {"ground": "ground", "mass": "slider", "belt": "belt"}
     assert found.name("guide") == "guide" and found["guide"].guide == "belt" and found["force"] is None
-    assert found.name("force") is None
+    with pytest.raises(KeyError, match="force"):
+        found.name("force")
     torques = TRAMMEL.match(load_scene("elliptic-trammel")).elements
     assert list(torques["torques"]) == ["torque"] and not torques["springs-x"]
 

@@ -40,6 +40,8 @@ from stiction.scenes.trajectory import rows_of, stacked
 
 STILL = 1e-3
 """Part of the largest true slip speed below which a sample is at rest."""
+ROUNDED = 1e-6
+"""Slip speeds below this part of the mechanism's size over the time of the scene are rounding."""
 RESOLVED = 3
 """Samples within a stick phase, at least, for a table to show it: the first and the last may belong to its ends."""
 PHASE = ["guide", "begin [s]", "end [s]", "duration [s]", "samples", "verdict", "fastest slip [m/s]"]
@@ -156,7 +158,9 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     if isinstance(frame, (str, Path)):
         table = read_result(frame, loaded, mapping, units)
     else:
-        given = frame.to_frame(events=True) if isinstance(frame, Trajectory) else frame
+        given = frame
+        if isinstance(frame, Trajectory):  # events of independent parts have the columns of their part alone
+            given = frame.to_frame(events=all(event.before.keys() == frame.columns.keys() for event in frame.events))
         table = result_table(given, loaded, mapping, units)
     return judged(loaded, table, truth or ground_truth(loaded))
 
@@ -211,28 +215,28 @@ def _within(table: ResultTable, t_end: float) -> ResultTable:
 def trajectory_of(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
     """Return the table with one row per instant; instants within with two rows are events.
 
-    The kind of an event is that of its change of modes; without modes that of the nearest event of the truth.
+    An event is a change of a guide's mode; without one it is what the truth has at the nearest event.
     """
     first, last = table.first, table.last
     inner = np.flatnonzero((first < last) & (first > 0) & (last < len(table.t) - 1))
     sides = [rows_of({name: values[rows[inner]] for name, values in table.columns.items()}) for rows in (first, last)]
-    events = [Event(float(table.t[first[i]]), *_kind(scene, truth, float(table.t[first[i]]), before, after), before,
-                    after) for i, before, after in zip(inner, *sides)]
+    events = [Event(float(table.t[first[i]]), kind, guide, before, after) for i, before, after in zip(inner, *sides)
+              for kind, guide in _kinds(scene, truth, float(table.t[first[i]]), before, after)]
     rows = np.delete(last, inner)
     return Trajectory(scene.name, "table", "", "joint", table.t[rows],
                       {name: values[rows] for name, values in table.columns.items()}, tuple(events), mechanism=scene)
 
 
-def _kind(scene: Scene, truth: Truth, time: float, before: Mapping[str, float],
-          after: Mapping[str, float]) -> tuple[str, str]:
-    for guide in scene.frictional_guides:
-        old, new = (side.get(f"{guide}.mode") for side in (before, after))
-        for kind, fits in coherence.MODES.items():
-            if old != new and fits(old, new):
-                return kind, guide
-    near = [event for event in truth.events if abs(event.time - time) <= EVENT_WINDOW]
-    nearest = min(near, key=lambda event: abs(event.time - time), default=None)
-    return (nearest.kind, nearest.joint) if nearest else ("unknown", "")
+def _kinds(scene: Scene, truth: Truth, time: float, before: Mapping[str, float],
+           after: Mapping[str, float]) -> list[tuple[str, str]]:
+    """Kinds and guides of the events of one instant."""
+    modes = {guide: (before.get(f"{guide}.mode"), after.get(f"{guide}.mode")) for guide in scene.frictional_guides}
+    changed = [(kind, guide) for guide, (old, new) in modes.items() if old != new
+               for kind, fits in coherence.MODES.items() if fits(old, new)]
+    nearest = min((abs(event.time - time) for event in truth.events), default=np.inf)
+    near = [(event.kind, event.joint) for event in truth.events
+            if nearest <= EVENT_WINDOW and abs(event.time - time) <= nearest + 1e-9 * truth.t_end]
+    return changed or near or [("unknown", "")]
 
 
 def _has(columns: Mapping[str, Any] | set[str], scene: Scene, *labels: tuple[str, ...]) -> bool:
@@ -291,7 +295,7 @@ def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> I
     if f"{guide}.slip_velocity" not in true or speed is None and mode is None:
         return
     true_speed = np.abs(true[f"{guide}.slip_velocity"])
-    slow = STILL * (float(np.max(true_speed)) or size_of(scene) / scene.t_end)
+    slow = STILL * max(float(np.max(true_speed)), ROUNDED * size_of(scene) / scene.t_end)
     rests = mode == 0 if mode is not None else np.abs(speed) <= slow
     slips = true_speed > 2 * slow
     starts_at_rest = bool(truth(0.0).get(f"{guide}.mode", np.ones(1))[0] == 0)

@@ -29,8 +29,8 @@ MAX_FILE_SIZE = 2 ** 30
 TIME = "t"
 TIME_NAMES = (TIME, "time", "Time", "TIME")
 """Names of the time column that need no mapping."""
-MOST_ROWS = 5
-"""Rows at one instant, at most: a sample, and the two sides of the events of two guides."""
+MOST_ROWS = 9
+"""Rows at one instant, at most: a sample, and the two sides of the events of four guides."""
 UNITS: Mapping[str, tuple[str, float]] = {
     "m": ("length", 1.0), "cm": ("length", 1e-2), "mm": ("length", 1e-3), "rad": ("angle", 1.0),
     "deg": ("angle", np.pi / 180), "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6),
@@ -81,8 +81,10 @@ class ResultTable:
 
     @property
     def first(self) -> np.ndarray:
-        """Row of the side before of each distinct instant, int (instants,)."""
-        return np.flatnonzero(np.diff(self.t, prepend=-np.inf))
+        """Row of the side before of each distinct instant, int (instants,); of 3, 5, .. rows the first is a sample."""
+        rows = np.flatnonzero(np.diff(self.t, prepend=-np.inf))
+        counts = np.diff(np.append(rows, len(self.t)))
+        return rows + ((counts > 1) & (counts % 2 == 1))
 
     @property
     def last(self) -> np.ndarray:

@@ -44,6 +44,7 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
     whole turns. Of a column that jumps the error is the mean of |error| over time.
     """
     before, after = (truth(table.t, side) for side in ("before", "after"))
+    single = np.isin(table.t, table.t[table.last[table.first == table.last]])
     rows = []
     for name, found in table.columns.items():
         label = name.rpartition(".")[2]
@@ -66,7 +67,7 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
         else:
             row |= {"measure": "left open at some instants"}
         known = np.isfinite(found).all() and size > KNOWN * truth.uncertainty.get(name, 0.0)
-        cause = hint(found, after[name], off, unit) if known else None
+        cause = hint(found[single], after[name][single], off[single], unit) if known and single.any() else None
         rows.append({**row, "hint": cause.cause if cause else "", "is input": bool(cause and cause.is_input)})
     return pd.DataFrame(rows)
 
@@ -102,6 +103,7 @@ def _causes(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str, err
             yield Hint(f"1000 times the truth: other units?{words}", True), found / 1e3 - true
             yield Hint("a thousandth of the truth: other units?", True), found * 1e3 - true
         yield Hint("the other sign (--map MINE=-COLUMN)", True), -found - true
-        yield Hint("off by a constant: another origin or point of the body?", True), off - np.mean(off)
+        if unit in ("m", "rad") and np.ptp(true) > COARSE * size:
+            yield Hint("off by a constant: another origin or point of the body?", True), off - np.mean(off)
     yield Hint("a sample late: each row has the value of the row before", False), found[1:] - true[:-1]
     yield Hint("a sample early: each row has the value of the row behind", False), found[:-1] - true[1:]

@@ -79,6 +79,18 @@ class TestRight:
         judged = stiction.judge(load_scene(CASE), run, t_end=8)
         assert judged.error < 1e-9 and judged.is_complete
 
+    @pytest.mark.parametrize("two_sided", [False, True])
+    @pytest.mark.parametrize("name", ["coulomb-oscillator", "elliptic-trammel", "hard/wedged-slider", "hard/three-stop-at-once",
+                                      "hard/three-guides-at-rest", "hard/trammel-at-rest", "hard/trammel-comes-to-rest"])
+    def test_nothing_is_held_against_a_run_of_ours(self, compiled, name, two_sided):
+        """With many events, events at the end of a sample, at one instant, in independent parts, and without any motion."""
+        scene = load_scene(name)
+        run = stiction.load_engine("reference").simulate(scene, rtol=1e-9, output_step=scene.t_end / 1000)
+        judged = judge(scene, run if two_sided else run.to_frame())
+        assert judged.error < 1e-8 and not judged.hints and judged.tables["findings"].empty
+        assert {MISSED, INVENTED}.isdisjoint(verdicts(judged))
+        assert not judged.tables["summary"].get("events spurious", pd.Series([0]))[0]
+
     def test_angles_may_be_wrapped(self, compiled, frame):
         wrapped = frame.assign(**{"bar.angle": np.angle(np.exp(1j * frame["bar.angle"]))})
         judged = judge(CASE, only(wrapped, *POSITIONS))

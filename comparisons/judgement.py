@@ -179,7 +179,7 @@ def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
              if known and f"{drive}.effort" in trajectory]
     tables = {
         "errors": column_errors(table, trajectory, truth, scene) if known else pd.DataFrame(),
-        "summary": pd.DataFrame([_summary(scene, table, replace(full, columns=full.columns | derived), truth)]),
+        "summary": pd.DataFrame([_summary(scene, table, replace(full, columns={**full.columns, **derived}), truth)]),
         "stick-phases": pd.DataFrame([row for name in scene.frictional_guides if known
                                       for row in _stick_phases(scene, full, truth, name)], columns=PHASE),
         "jumps": pd.concat(jumps, ignore_index=True) if jumps else pd.DataFrame(),
@@ -290,13 +290,12 @@ def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -
 
 def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> Iterator[dict[str, Any]]:
     """Stick phases of the truth as far as the table goes, and rests of the table where the truth slips."""
-    speed, mode = full.columns.get(f"{guide}.slip_velocity"), full.columns.get(f"{guide}.mode")
-    true = truth(full.t)
-    if f"{guide}.slip_velocity" not in true or speed is None and mode is None:
+    true, slip, known = truth(full.t), f"{guide}.slip_velocity", f"{guide}.mode"
+    if slip not in true or (slip not in full and known not in full):
         return
-    true_speed = np.abs(true[f"{guide}.slip_velocity"])
+    true_speed = np.abs(true[slip])
     slow = STILL * max(float(np.max(true_speed)), ROUNDED * size_of(scene) / scene.t_end)
-    rests = mode == 0 if mode is not None else np.abs(speed) <= slow
+    rests = full[known] == 0 if known in full else np.abs(full[slip]) <= slow
     slips = true_speed > 2 * slow
     starts_at_rest = bool(truth(0.0).get(f"{guide}.mode", np.ones(1))[0] == 0)
     own = [event for event in truth.events if event.joint == guide]
@@ -308,7 +307,7 @@ def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> I
         inside = np.flatnonzero((full.t >= begin) & (full.t <= end))
         inner = inside[1:-1]
         verdict = UNRESOLVED if len(inside) < RESOLVED else FOUND if rests[inner].all() else MISSED
-        fastest = float(np.max(np.abs(speed[inner]))) if speed is not None and len(inner) else None
+        fastest = float(np.max(np.abs(full[slip][inner]))) if slip in full and len(inner) else None
         yield dict(zip(PHASE, (guide, begin, end, end - begin, len(inside), verdict, fastest)))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rests & slips, [False]]).astype(int)))
     for first, behind in edges.reshape(-1, 2):

@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -137,11 +137,11 @@ def columns_of_frame(frame: pd.DataFrame) -> Columns:
     return columns
 
 
-def _curves(piece: pd.DataFrame) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+def _curves(piece: pd.DataFrame) -> dict[str, PPoly]:
     """A function of time for each column of a smooth piece."""
     t = piece["t"].to_numpy()
     values = {str(name): column.to_numpy(float) for name, column in piece.items() if name != "t"}
-    curves: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    curves: dict[str, PPoly] = {
         name: PPoly(column[:1, None], t[[0, -1]]) if name.endswith(".mode") else CubicSpline(t, column)
         for name, column in values.items()}
     rates = {**dict(zip(*BODY_COLUMNS[:2])), "displacement": "slip_velocity"}

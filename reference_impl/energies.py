@@ -10,10 +10,12 @@ import pandas as pd
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, evaluate_law
-from stiction.scenes.model import GROUND, Drive, Force, TorsionalSpring
+from stiction.scenes.model import Drive, Force, TorsionalSpring
 from stiction.scenes.trajectory import stacked
 
+Vector = tuple[float, float]
 _UNIT = 1.0
 """Length of the drives by which coordinates are measured: a distance must be positive."""
 
@@ -93,16 +95,19 @@ def _coordinates(scene: Scene, t: np.ndarray, q: np.ndarray,
     Each is that of a drive in the same place: the residual of its constraint, and the residual's rate.
     """
     still = Constant(type="constant", value=_UNIT)
-    drives = {}
-    for name, spring in scene.springs.items():
-        place = {} if isinstance(spring, TorsionalSpring) else {"points": spring.points, "axis": spring.axis}
-        drives[name] = Drive(type="distance" if place else "angle", bodies=spring.bodies, law=still, **place)
-    for name, load in scene.forces.items():
-        place = {"points": (load.point, (0.0, 0.0)), "axis": load.direction} if isinstance(load, Force) else {}
-        drives[name] = Drive(type="distance" if place else "angle", bodies=(load.body, GROUND), law=still, **place)
-    for name, guide in scene.frictional_guides.items():
-        drives[name] = Drive(type="distance", bodies=guide.bodies, points=(guide.slider_point, guide.point),
-                             axis=guide.direction, law=still)
+
+    def angle(bodies: tuple[str, str]) -> Drive:
+        return Drive(type="angle", bodies=bodies, law=still)
+
+    def distance(bodies: tuple[str, str], points: tuple[Vector, Vector], axis: Vector | None) -> Drive:
+        return Drive(type="distance", bodies=bodies, points=points, axis=axis, law=still)
+
+    drives = {name: angle(spring.bodies) if isinstance(spring, TorsionalSpring)
+              else distance(spring.bodies, spring.points, spring.axis) for name, spring in scene.springs.items()}
+    drives |= {name: distance((load.body, GROUND), (load.point, (0.0, 0.0)), load.direction) if isinstance(load, Force)
+               else angle((load.body, GROUND)) for name, load in scene.forces.items()}
+    drives |= {name: distance(guide.bodies, (guide.slider_point, guide.point), guide.direction)
+               for name, guide in scene.frictional_guides.items()}
     others = {"joints": {}, "drives": drives, "springs": {}, "forces": {}}
     with np.errstate(divide="ignore", invalid="ignore"):  # points that coincide have no direction, nor a rate: NaN
         terms = EquationsOfMotion(scene.model_copy(update=others)).at(t, q, v)

@@ -122,7 +122,7 @@ def corner_columns(name: str, guide: Translational, columns: dict[str, np.ndarra
         kappa = equal_mobilization(R, T, columns[f"{name}.friction"], a, b)
         if f"{name}.mode" in columns:
             mode = columns[f"{name}.mode"]
-            kappa = np.where(mode != 0, -guide.mu * mode, kappa)
+            kappa = np.where(mode != 0, -guide.kinetic_coefficient * mode, kappa)
         kappa = np.where(np.isnan(columns[f"{name}.friction"]), np.nan, kappa)
     N = T - 0.5 * b * kappa * R if b else T  # without a width an unknown friction leaves the corner forces known
     corners = {f"{name}.F{number}": force for number, force in enumerate(corner_forces(guide, R, N), 1)}

@@ -96,13 +96,13 @@ def _subject(study: Study, scenes: Sequence[str], overrides: Sequence[str], asse
         raise typer.BadParameter("found nothing; expected a scene of the catalogue (see `stiction scenes`) or a TOML "
                                  "file", param_hint="SCENE")
     if not study.takes_scene:
-        for found, hint in ((" ".join(scenes), "SCENE"), (overrides or assemble, "--set, --assemble")):
-            if found:
-                raise typer.BadParameter(f"found {found!r}; `compare {study.name}` has scenes of its own",
+        for given, hint in ((" ".join(scenes), "SCENE"), (overrides or assemble, "--set, --assemble")):
+            if given:
+                raise typer.BadParameter(f"found {given!r}; `compare {study.name}` has scenes of its own",
                                          param_hint=hint)
     if len(scenes) > 1 and "scenes" not in study.takes:
         raise typer.BadParameter(f"found {' '.join(scenes)}; `compare {study.name}` takes one", param_hint="SCENE")
-    found = tuple(with_consistent_start(scene_of(scene, overrides), assemble) for scene in scenes)
+    found = tuple(with_consistent_start(scene_of(name, overrides), assemble) for name in scenes)
     if twice := [name for name, count in Counter(scene.name for scene in found).items() if count > 1]:
         raise typer.BadParameter(f"found {names(twice)} more than once; expected scenes of different names",
                                  param_hint="SCENE")

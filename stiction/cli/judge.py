@@ -96,7 +96,7 @@ def _end(judged: Judgement, max_error: float | None) -> None:
             f"{', '.join(columns)}: {cause}" for cause, columns in judged.hints.items()))
     if max_error is None:
         return
-    if judged.error is None:
+    if judged.error is None or judged.uncertainty is None:
         raise ended(BAD_INPUT, "--max-error: found no position whose truth is known; expected one or more")
     if judged.uncertainty >= max_error:
         raise ended(BAD_INPUT, f"--max-error: found {max_error:g} m; expected more than the uncertainty of the truth, "

@@ -384,12 +384,14 @@ def go_to_event(m: Arrays, w: Workspace, s: State, h: float, correction: float, 
 
     correction : how much longer the step must be; `error`: the part of itself by which that is wrong.  first : there is
     to be no zero of another event function on the way. Returns the step, and whether it ends at the zero; w.event is
-    then of its end. If the zero is off by more than a hundredth of the step, then its slope is not believed either.
+    then of its end. If the zero is off by more than a hundredth of the step, then its slope is not believed either; a
+    zero through which the function rises is not that event.
     """
     t, y_new, K = s.progress.time, s.y_new, s.K
     value = s.seen[STAGES - 1, event]
     for _ in range(CORRECTIONS):
-        if not abs(correction) < NEAR * h:
+        rises = correction * value < 0.0  # towards the end of a dip, not to its beginning
+        if rises or not abs(correction) < NEAR * h:
             return h, abs(value) <= noise(s, event)
         if abs(correction) * max(abs(correction), error * h) <= LEFT * h * h:
             for i in range(len(y_new)):

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from reference_checks import simulate
 from scipy.optimize import brentq, linprog, minimize_scalar
@@ -88,6 +88,8 @@ sines = st.tuples(between(0.05, 1.0), between(0.3, 12.0), between(0.01, 6.0))
 @settings(max_examples=100)
 @given(between(0.1, 2.0), between(0.05, 1.5), between(0.05, 0.8), st.lists(sines, min_size=1, max_size=3), st.lists(sines, max_size=2),
        st.sampled_from([0.3, 1e-2, 1e-4, 1e-6, 1e-8, -1e-6, -1e-3]))
+@example(0.1, 0.05, 0.36807506024995007, [(0.07582513177467641, 0.32059617355116365, 5.961740922846939),  # a step ends in the dip
+                                          *2 * [(0.08547800423141748, 0.5413159867258451, 2.4659724855386735)]], [], 1e-8)
 def test_first_break_away_of_a_slider_under_given_loads(length, width, mus, pulls, torques, excess):
     """Loads that exceed the capacity by a part `excess` of it at their worst instant, or do not, and never mind for how short a time."""
     if mus * width >= length:

@@ -43,10 +43,10 @@ from stiction.comparisons.depth import Depth, Extent
 from stiction.comparisons.variants import PARAMETERS, Variant
 from stiction.engines.registry import EngineMissing, engine_names, load_engine
 from stiction.scenes import FileError, Problem, Scene, SceneError, catalogue, load_scene
-from stiction.scenes.errors import expectation, found_in
+from stiction.scenes.errors import problems_in_tables
 from stiction.scenes.fields import Model, Positive
 from stiction.scenes.loading import read_toml
-from stiction.scenes.wording import did_you_mean, names, shortened, shown
+from stiction.scenes.wording import did_you_mean, names
 
 CAMPAIGNS = Path(str(resources.files("stiction.comparisons") / "campaigns"))
 DEFAULT = CAMPAIGNS / "nightly.toml"
@@ -286,7 +286,7 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
     except SceneError as error:
         raise CampaignError(str(path), error.problems) from None
     except ValidationError as error:
-        problems = list(_problems_of(error))
+        problems = list(problems_in_tables(error, Campaign, _TABLES))
         of_scenes = scenes and all(problem.key.startswith("scenes.") for problem in problems)
         raise CampaignError(", ".join(scenes) if of_scenes else str(path), problems) from None
     campaign._name = path.stem
@@ -294,18 +294,3 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
 
 
 _TABLES = {"variants": _Variant, "others": _Steps, "budget": _Budget, "check": _Check, "depths": Extent}
-
-
-def _problems_of(error: ValidationError) -> Iterator[Problem]:
-    for detail in error.errors(include_url=False):
-        location, found = detail["loc"], shown(detail["input"])
-        key = shortened(".".join(str(part) for part in location if part != "[key]"))
-        if detail["type"] == "inconsistent":
-            for field, wrong, expected in detail["ctx"]["found"]:
-                yield Problem(f"{key}.{field}".lstrip("."), shown(wrong), expected)
-        elif detail["type"] == "extra_forbidden":
-            known = (_TABLES.get(location[0], Campaign) if len(location) > 1 else Campaign).model_fields
-            hint = did_you_mean(location[-1], known) or f"; expected one of: {names(known)}"
-            yield Problem(key, found, f"unknown key{hint}")
-        else:
-            yield Problem(key, found_in(detail), expectation(detail))

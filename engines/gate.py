@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.examined import (ACCELERATIONS, POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, described,
-                                       first, is_number)
+from stiction.engines.examined import POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, described, first, is_number
 from stiction.scenes import Breakdown, Cost, Event, Scene, Trajectory
-from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.columns import BODY_COLUMNS, columns_of
 from stiction.scenes.trajectory import stacked
 from stiction.scenes.wording import names
 
@@ -34,17 +33,7 @@ def required_columns(scene: Scene) -> list[str]:
 
     ``mode`` is left to engines that have contact modes.
     """
-    columns = [f"{body}.{label}" for body in scene.bodies for label in POSITIONS + VELOCITIES + ACCELERATIONS]
-    for name in scene.joints:
-        if (guide := scene.guides.get(name)) is None:
-            columns += [f"{name}.fx", f"{name}.fy"]
-            continue
-        columns += [f"{name}.{label}" for label in ("normal_force", "moment", "displacement", "slip_velocity")]
-        columns += [f"{name}.friction"] if guide.frictional else []
-        if guide.length is not None:
-            columns += [f"{name}.F{corner}" for corner in (1, 2, 3, 4)]
-            columns += [f"{name}.friction_lower", f"{name}.friction_upper"] if guide.frictional else []
-    return [*columns, *(f"{name}.effort" for name in scene.drives), "drift.position", "drift.velocity"]
+    return [name for name in columns_of(scene) if not name.endswith(".mode")]
 
 
 def problems(run: Examined) -> Iterator[str]:

@@ -53,6 +53,20 @@ COLUMNS = (
 )
 
 
+def columns_of(scene: Scene) -> list[str]:
+    """Names of all columns that a trajectory of the scene can have, the time left out."""
+    owners = {"BODY": scene.bodies, "PIN": [name for name in scene.joints if name not in scene.guides],
+              "GUIDE": scene.guides, "DRIVE": scene.drives, "drift": ["drift"]}
+
+    def applies(column: Column, owner: str) -> bool:
+        guide = scene.guides.get(owner)
+        return not column.where or guide is not None and ("friction" not in column.where or guide.frictional) and (
+            "length" not in column.where or guide.length is not None)
+
+    return [f"{owner}.{name}" for column in COLUMNS for owner in owners[column.owner] if applies(column, owner)
+            for name in column.names]
+
+
 def unit_of(column: str, scene: Scene | None = None) -> str:
     """The unit of a trajectory's column, empty if it has none; of an effort that of the scene's drive."""
     owner, _, name = column.rpartition(".")

@@ -42,7 +42,7 @@ from stiction.comparisons.campaigns.measurement import KINDS, PlannedRun
 from stiction.comparisons.depth import Depth, Extent
 from stiction.comparisons.variants import PARAMETERS, Variant
 from stiction.engines.registry import PROGRAM, EngineMissing, absolute_name, engine_names, label_of, load_engine
-from stiction.scenes import FileError, Problem, Scene, SceneError, catalogue, load_scene
+from stiction.scenes import FileError, Scene, SceneError, catalogue, load_scene
 from stiction.scenes.errors import problems_in_tables
 from stiction.scenes.fields import Model, Positive
 from stiction.scenes.loading import read_toml
@@ -256,7 +256,8 @@ class Campaign(Model):
             return (others.dt.variant(label_of(name), engine=name, stands_for=_portable(name)),)
         steps, label = others.rtol if capabilities.adaptive else others.dt, label_of(name)
         return tuple(steps.variant(label if fidelity == "joint" else f"{label}, {fidelity}", engine=name,
-                                   fidelity=fidelity, stands_for=_portable(name)) for fidelity in capabilities.fidelities)
+                                   fidelity=fidelity, stands_for=_portable(name))
+                     for fidelity in capabilities.fidelities)
 
 
 def _is_derived(engine: Any, name: str) -> bool:

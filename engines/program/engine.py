@@ -19,8 +19,8 @@ from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES
 from stiction.engines.program.declaration import Declaration, Declared
 from stiction.engines.program.process import Ended, run_program
 from stiction.engines.protocol import BadTrajectory, Capabilities, Engine, EngineFailure, Refused
-from stiction.engines.registry import BUILT_IN, EngineBroken, EngineMissing, UnknownEngine
-from stiction.engines.shared.fixed_step import settings_of, step_of
+from stiction.engines.registry import BUILT_IN, EngineBroken, EngineMissing
+from stiction.engines.shared.fixed_step import step_of
 from stiction.scenes import Cost, Event, FileError, Problem, Scene, SceneError, Trajectory
 from stiction.scenes.errors import problems_in_tables
 from stiction.scenes.fields import Model
@@ -245,8 +245,8 @@ def _columns(scene: Scene, table: ResultTable, name: str) -> tuple[dict[str, np.
 
     needed = [f"{body}.{label}" for body in scene.bodies for label in POSITIONS + VELOCITIES]
     if missing := [column for column in needed if column not in table]:
-        raise BadTrajectory(f"{name} returned no column {', '.join(missing[:4])}{', ..' * (len(missing) > 4)}; expected "
-                            "positions and velocities of all bodies")
+        raise BadTrajectory(f"{name} returned no column {', '.join(missing[:4])}{', ..' * (len(missing) > 4)}; "
+                            "expected positions and velocities of all bodies")
     found, made = dict(table.columns), {}
     for body in scene.bodies:
         for velocity, acceleration in zip(VELOCITIES, ACCELERATIONS):

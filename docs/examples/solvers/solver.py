@@ -1,7 +1,7 @@
 """Time stepping of planar mechanisms with dry friction: Python's standard library and nothing else.
 
-Moreau's midpoint rule. In a step of length h from (q, v), with m = q + h v/2 and p = q + h v, the next velocity w and the
-impulses L of joints and drives and P of friction solve
+Moreau's midpoint rule. In a step of length h from (q, v), with m = q + h v/2 and p = q + h v, the next velocity w and
+the impulses L of joints and drives and P of friction solve
 
     M (w - v) = h Q(t + h/2, m, v) + J(m)' L + T(m)' P,    J(p) w = -dPhi/dt - Phi(p) / (10 h),    |P| <= mu load,
     q <- q + h (v + w) / 2,    load of the corners of a slider: max(|R|, 2 |N| / length) of its own impulses L
@@ -24,7 +24,9 @@ def law(data, t):
         a, w, phase = data["amplitude"], data["frequency"], data["frequency"] * t + data["phase"]
         return data["offset"] + a * math.sin(phase), a * w * math.cos(phase)
     x, y, cubic = data["times"], data["values"], data["interpolation"] == "cubic"
-    b = data.setdefault("bend", spline(x, y) if cubic and "bend" not in data else [0.0] * len(x))
+    if "bend" not in data:
+        data["bend"] = spline(x, y) if cubic else [0.0] * len(x)
+    b = data["bend"]
     i = min(max(bisect.bisect_right(x, t) - 1, 0), len(x) - 2)
     h, slope = x[i + 1] - x[i], (y[i + 1] - y[i]) / (x[i + 1] - x[i])
     if not x[0] <= t < x[-1]:  # outside: the end value, or the end's tangent
@@ -32,7 +34,8 @@ def law(data, t):
         rate = slope + h / 6 * bend if cubic else 0.0
         return y[k] + rate * (t - x[k]), rate
     u, s = t - x[i], x[i + 1] - t
-    value = (b[i] * s ** 3 + b[i + 1] * u ** 3) / (6 * h) + (y[i] / h - b[i] * h / 6) * s + (y[i + 1] / h - b[i + 1] * h / 6) * u
+    value = (b[i] * s ** 3 + b[i + 1] * u ** 3) / (6 * h)
+    value += (y[i] / h - b[i] * h / 6) * s + (y[i + 1] / h - b[i + 1] * h / 6) * u
     return value, (b[i + 1] * u ** 2 - b[i] * s ** 2) / (2 * h) + slope - h / 6 * (b[i + 1] - b[i])
 
 
@@ -116,9 +119,10 @@ class Mechanism:
         v, n, m = self.v, len(self.v), len(self.rows)
         middle, ahead = ([x + share * h * dx for x, dx in zip(self.q, v)] for share in (0.5, 1.0))
         Q = self.forces(t + h / 2, middle, v)
-        J, T = ([self.coordinate(row, middle)[1] for row in rows] for rows in (self.rows, [row for row, _ in self.guides]))
-        system = [[mass * (i == j) for j in range(n)] + [-row[i] for row in J] + [mass * v[i] + h * Q[i]] + [row[i] for row in T]
-                  for i, mass in enumerate(self.mass)]
+        J = [self.coordinate(row, middle)[1] for row in self.rows]
+        T = [self.coordinate(row, middle)[1] for row, _ in self.guides]
+        system = [[*(mass * (i == j) for j in range(n)), *(-row[i] for row in J), mass * v[i] + h * Q[i],
+                   *(row[i] for row in T)] for i, mass in enumerate(self.mass)]
         for row in self.rows:
             (value, there), (wanted, rate) = self.coordinate(row, ahead), law(row["law"], t + h)
             system.append([*there, *[0.0] * m, rate - (value - wanted) / (10 * h), *[0.0] * len(T)])
@@ -139,7 +143,7 @@ class Mechanism:
                 was, will = dot(T[k], v), gain * (found - held)
                 at_rest = abs(was) < 1e-9 or was * will <= 0  # or on its way through rest
                 P[k] = held if at_rest and abs(held) <= hold else found
-            if max((abs(new - old) for new, old in zip(P, before)), default=0.0) <= 1e-12 * max(map(abs, P), default=0.0):
+            if all(abs(new - old) <= 1e-12 * abs(new) for new, old in zip(P, before)):
                 break
         return sums(free, P, units)[:n], P
 
@@ -155,15 +159,18 @@ def load(guide, R, N, kappa):
 
 
 def turned(angle, point):
+    """A point of a body's axes in those of the ground."""
     c, s = math.cos(angle), math.sin(angle)
     return c * point[0] - s * point[1], s * point[0] + c * point[1]
 
 
 def dot(a, b):
+    """Scalar product."""
     return sum(x * y for x, y in zip(a, b))
 
 
 def sums(free, P, units):
+    """Velocities and impulses without friction, and those of friction added."""
     return [x + sum(p * unit[i] for p, unit in zip(P, units)) for i, x in enumerate(free)]
 
 
@@ -182,6 +189,7 @@ def solved(rows, n):
 
 
 def main(scene_file, result_file, dt, output_step):
+    """Read the scene, step to its end, write the table."""
     with open(scene_file, encoding="utf-8") as file:
         scene = json.load(file)["scene"]
     mechanism = Mechanism(scene)
@@ -198,7 +206,8 @@ def main(scene_file, result_file, dt, output_step):
             w, P = mechanism.step(k * h, h)
             step = [(new - old) / h for new, old in zip(w, mechanism.v)] + [p / h for p in P]
             if k % every == 0 or k == steps:
-                print(k * h, *mechanism.q, *mechanism.v, *[(a + b) / 2 for a, b in zip(step, last or step)], sep=",", file=file)
+                mean = [(a + b) / 2 for a, b in zip(step, last or step)]
+                print(k * h, *mechanism.q, *mechanism.v, *mean, sep=",", file=file)
             mechanism.q = [x + h / 2 * (old + new) for x, old, new in zip(mechanism.q, mechanism.v, w)]
             mechanism.v, last = w, step
 

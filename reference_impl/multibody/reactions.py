@@ -72,7 +72,7 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
                     for values in (np.where(told, friction, 0.0), told))
     at_once = max(1, _ROOM // max(1, len(m.inverse_mass) * force.shape[1]))
     for part in (slice(first, first + at_once) for first in range(0, len(t), at_once)):
-        columns_of_rows, free = _rows(m, t[part], q[part], v[part])
+        columns_of_rows, free = row_matrices(m, t[part], q[part], v[part])
         force[part] = _balanced(columns_of_rows, (a[part] - free) / m.inverse_mass, force[part], known[part], m.rows)
     columns = build_columns(mechanism, t, q, v, a, force)
     if reactions:
@@ -107,7 +107,7 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown
     return found
 
 
-def _rows(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def row_matrices(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """J^T at each instant (n, 3 * bodies, rows + frictional), and M^-1 Q without joints (n, 3 * bodies)."""
     w = workspace(m)
     J, free = np.empty((len(t), len(w.J))), np.empty(q.shape)

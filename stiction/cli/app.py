@@ -9,12 +9,12 @@ from typing import Annotated
 
 import typer
 
-from stiction.cli import campaign, compare, describe, pictures, prove, report, run
+from stiction.cli import campaign, compare, describe, judge, pictures, prove, report, run
 from stiction.cli.exit_codes import EXIT_CODES, FAILED, Commands, say, terminate
 
 app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None,
                   epilog=EXIT_CODES)
-for part in (describe, pictures, run, prove, campaign, report):
+for part in (describe, pictures, run, judge, prove, campaign, report):
     app.add_typer(part.commands)
 app.add_typer(compare.commands, name="compare")
 app.add_typer(campaign.baselines, name="baseline")

@@ -1,0 +1,306 @@
+"""Judgement of a table of results that anybody's program has made: errors against the truth, and what else it shows.
+
+The measures are those by which engines are compared. Positions alone are enough; every other column is judged where it
+is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
+from stiction.comparisons.measures.drift import drift
+from stiction.comparisons.measures.energy_balance import energy_balance, needed_columns
+from stiction.comparisons.measures.result_errors import column_errors
+from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.comparisons.measures.steady_stretch import stick_intervals
+from stiction.comparisons.measures.torque_jumps import SAMPLES, torque_table
+from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.truth import NO_TRUTH, Truth
+from stiction.comparisons.variants import Record, Variant
+from stiction.engines import coherence
+from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate
+from stiction.engines.isolation import Outcome
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.trajectory_columns import build_columns
+from stiction.scenes import Event, InputError, Scene, Trajectory, load_scene, vary
+from stiction.scenes.columns import columns_of, unit_of
+from stiction.scenes.result_table import ResultTable, read_result, result_table
+from stiction.scenes.trajectory import rows_of, stacked
+
+STILL = 1e-3
+"""Part of the largest true slip speed below which a sample is at rest."""
+RESOLVED = 3
+"""Samples within a stick phase, at least, for a table to show it: the first and the last may belong to its ends."""
+FOUND, MISSED, UNRESOLVED, INVENTED = "found", "missed", "too short for the samples", "the truth slips"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What a table of results is worth.
+
+    Attributes
+    ----------
+    scene : Scene
+    table : ResultTable
+    truth : Truth
+    tables : Mapping[str, DataFrame]
+        ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``: rows may be
+        none.
+    trajectory : Trajectory
+        The table, one row per instant, both sides of jumps as events.
+    """
+
+    scene: Scene
+    table: ResultTable
+    truth: Truth
+    tables: Mapping[str, pd.DataFrame]
+    trajectory: Trajectory
+
+    @property
+    def error(self) -> float | None:
+        """Largest error of positions, m, angles times the size of the mechanism; None where none is known."""
+        return self._largest("error")
+
+    @property
+    def uncertainty(self) -> float | None:
+        """Uncertainty of the truth of those positions, m."""
+        return self._largest("uncertainty")
+
+    @property
+    def is_complete(self) -> bool:
+        """True where the table reaches the end of the scene, but for a step."""
+        t = self.trajectory.t
+        return bool(t[-1] + (t[-1] - t[-2]) * (1 + 1e-6) >= self.scene.t_end)
+
+    @property
+    def hints(self) -> dict[str, list[str]]:
+        """Columns by the likely cause of their errors."""
+        table = self.tables["errors"]
+        hinted = table[table["hint"] != ""] if len(table) else table
+        return {str(cause): list(rows["column"]) for cause, rows in hinted.groupby("hint", sort=False)} if len(
+            hinted) else {}
+
+    @property
+    def is_misread(self) -> bool:
+        """True where columns seem to have other units, signs or origins than the scene: the numbers mean little."""
+        table = self.tables["errors"]
+        return bool(len(table) and table["is input"].any())
+
+    @property
+    def presentation(self) -> Presentation:
+        """The same in words, tables and figures."""
+        from stiction.comparisons.judgement_in_words import presentation
+
+        return presentation(self)
+
+    def __str__(self) -> str:
+        said = self.presentation
+        return "\n".join(part.text for part in (said.answer, *said.findings))
+
+    def _largest(self, column: str) -> float | None:
+        table, scale = self.tables["errors"], {"m": 1.0, "rad": size_of(self.scene)}
+        known = table[table["unit"].isin(list(scale))] if len(table) else table
+        return float((known[column] * known["unit"].map(scale)).max()) if len(known) else None
+
+
+def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | None = None,
+          units: Mapping[str, float] | None = None, t_end: float | None = None) -> Judgement:
+    """Judge the results of anybody's program on a scene.
+
+    Parameters
+    ----------
+    scene
+        A scene, the name of one of the catalogue, or a TOML file.
+    frame
+        A CSV or Parquet file, a DataFrame, a mapping of arrays or a Trajectory: a time column ``t`` and one or more of
+        the scene's columns.
+    mapping
+        Name in the table -> the scene's column, ``"-slider.x"`` with the other sign, ``""`` to leave it out.
+    units
+        Size in SI by what is measured: ``{"length": 1e-3, "angle": pi/180}``; also ``"time"`` and ``"force"``.
+    t_end
+        Seconds that the results should cover; the scene's own if None.
+
+    Raises
+    ------
+    SceneError
+        For a scene that cannot be used.
+    ResultError
+        For a table that cannot be a result of the scene.
+    """
+    loaded = scene if isinstance(scene, Scene) else load_scene(scene)
+    if t_end is not None:
+        loaded = vary(loaded, {"t_end": t_end})
+    if isinstance(frame, (str, Path)):
+        table = read_result(frame, loaded, mapping, units)
+    else:
+        given = frame.to_frame(events=True) if isinstance(frame, Trajectory) else frame
+        table = result_table(given, loaded, mapping, units)
+    return judged(loaded, table, ground_truth(loaded))
+
+
+def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
+    """Judge a table by a truth of the scene."""
+    table = _within(table, truth.t_end)
+    trajectory = trajectory_of(scene, table, truth)
+    full = replace(trajectory, columns={**_derived(scene, trajectory), **trajectory.columns})
+    record = Record(f"{scene.name}/{table.origin}", scene.name, Variant("table", "table", "dt", (_step(full),)),
+                    _step(full), Outcome("table", "ok", trajectory))
+    known = truth.tier != NO_TRUTH
+    jumps = [_jumps(record, full, truth, f"{drive}.effort") for drive in scene.drives
+             if known and f"{drive}.effort" in trajectory]
+    tables = {
+        "errors": column_errors(table, trajectory, truth, scene) if known else pd.DataFrame(),
+        "summary": pd.DataFrame([_summary(scene, table, full, truth)]),
+        "stick-phases": pd.DataFrame([row for name in scene.frictional_guides if known
+                                      for row in _stick_phases(scene, full, truth, name)]),
+        "jumps": pd.concat(jumps, ignore_index=True) if jumps else pd.DataFrame(),
+        "findings": pd.DataFrame({"finding": list(_findings(scene, full, set(trajectory.columns)))}, dtype=object)}
+    return Judgement(scene, table, truth, tables, trajectory)
+
+
+def _within(table: ResultTable, t_end: float) -> ResultTable:
+    """The rows until the end; what rounding adds to the last one is taken off."""
+    kept = table.t <= t_end * (1 + 1e-9)
+    if np.count_nonzero(kept) < 2:
+        raise InputError(f"{table.origin}: found times from {table.t[0]:g} s on; "
+                         f"expected two rows within 0 .. {t_end:g} s")
+    t = np.clip(table.t[kept], 0.0, t_end)
+    return replace(table, t=t, columns={name: values[kept] for name, values in table.columns.items()})
+
+
+def trajectory_of(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
+    """Return the table with one row per instant; instants within with two rows are events.
+
+    The kind of an event is that of its change of modes; without modes that of the nearest event of the truth.
+    """
+    first, last = table.first, table.last
+    inner = np.flatnonzero((first < last) & (first > 0) & (last < len(table.t) - 1))
+    sides = [rows_of({name: values[rows[inner]] for name, values in table.columns.items()}) for rows in (first, last)]
+    events = [Event(float(table.t[first[i]]), *_kind(scene, truth, float(table.t[first[i]]), before, after), before,
+                    after) for i, before, after in zip(inner, *sides)]
+    rows = np.delete(last, inner)
+    return Trajectory(scene.name, "table", "", "joint", table.t[rows],
+                      {name: values[rows] for name, values in table.columns.items()}, tuple(events), mechanism=scene)
+
+
+def _kind(scene: Scene, truth: Truth, time: float, before: Mapping[str, float],
+          after: Mapping[str, float]) -> tuple[str, str]:
+    for guide in scene.frictional_guides:
+        old, new = (side.get(f"{guide}.mode") for side in (before, after))
+        for kind, fits in coherence.MODES.items():
+            if old != new and fits(old, new):
+                return kind, guide
+    near = [event for event in truth.events if abs(event.time - time) <= EVENT_WINDOW]
+    nearest = min(near, key=lambda event: abs(event.time - time), default=None)
+    return (nearest.kind, nearest.joint) if nearest else ("unknown", "")
+
+
+def _has(columns: Mapping[str, Any] | set[str], scene: Scene, *labels: tuple[str, ...]) -> bool:
+    """Test if all bodies have these columns."""
+    return all(f"{body}.{label}" in columns for body in scene.bodies for kind in labels for label in kind)
+
+
+def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
+    """Displacements, slip velocities and drift that follow from the states of all bodies, as far as these are given."""
+    if not _has(found.columns, scene, POSITIONS):
+        return {}
+    moves = _has(found.columns, scene, VELOCITIES)
+    mechanism = Mechanism(scene, stabilization="none")
+    q = np.ascontiguousarray(stacked(found.columns, mechanism.body_names, POSITIONS))
+    v = np.ascontiguousarray(stacked(found.columns, mechanism.body_names, VELOCITIES)) if moves else np.zeros_like(q)
+    force = np.zeros((len(found.t), len(mechanism.row_names) + len(mechanism.guide_names)))
+    names = [f"{guide}.{label}" for guide in scene.guides for label in ("displacement", "slip_velocity")]
+    columns = build_columns(mechanism, found.t, q, v, np.zeros_like(q), force, None,
+                            [*names, "drift.position", "drift.velocity"])
+    if not moves:
+        rates = {f"{guide}.slip_velocity": np.gradient(columns[f"{guide}.displacement"], found.t)
+                 for guide in scene.guides}
+        columns |= {**rates, "drift.velocity": np.full(len(found.t), np.nan)}
+    return columns
+
+
+def _step(found: Trajectory) -> float:
+    return float(np.median(np.diff(found.t)))
+
+
+def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -> dict[str, Any]:
+    """Sampling, errors of all columns together, drift, energy."""
+    row: dict[str, Any] = {
+        "rows": len(table.t), "instants": len(table.first), "instants with two sides": len(full.events),
+        "begins at [s]": float(table.t[0]), "ends at [s]": float(table.t[-1]), "t_end [s]": scene.t_end,
+        "sample distance [s]": _step(full), **errors(full, truth, size_of(scene))}
+    if "drift.position" in full:
+        row |= {name: value for name, value in drift(full).items() if name != "truth tier"}
+    if all(name in table for name in needed_columns(scene)):
+        energy = energy_balance(scene, table.t, table.columns)
+        row |= {"energy error [J]": energy.left_over.value, "energy uncertainty [J]": energy.left_over.uncertainty,
+                "energy exchanged [J]": energy.exchanged}
+    return row
+
+
+def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> Iterator[dict[str, Any]]:
+    """Stick phases of the truth as far as the table goes, and rests of the table where the truth slips."""
+    speed, mode = full.columns.get(f"{guide}.slip_velocity"), full.columns.get(f"{guide}.mode")
+    true = truth(full.t)
+    if f"{guide}.slip_velocity" not in true or speed is None and mode is None:
+        return
+    true_speed = np.abs(true[f"{guide}.slip_velocity"])
+    slow = STILL * (float(np.max(true_speed)) or size_of(scene) / scene.t_end)
+    rests = mode == 0 if mode is not None else np.abs(speed) <= slow
+    slips = true_speed > 2 * slow
+    starts_at_rest = bool(truth(0.0).get(f"{guide}.mode", np.ones(1))[0] == 0)
+    own = [event for event in truth.events if event.joint == guide and event.time < full.t[-1]]
+    for begin, end in stick_intervals(own, 0.0, float(full.t[-1]), starts_at_rest):
+        inside = np.flatnonzero((full.t >= begin) & (full.t <= end))
+        inner = inside[1:-1]
+        verdict = UNRESOLVED if len(inside) < RESOLVED else FOUND if rests[inner].all() else MISSED
+        fastest = float(np.max(np.abs(speed[inner]))) if speed is not None and len(inner) else None
+        yield {"guide": guide, "begin [s]": begin, "end [s]": end, "duration [s]": end - begin,
+               "samples": len(inside), "verdict": verdict, "fastest slip [m/s]": fastest}
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rests & slips, [False]]).astype(int)))
+    for first, behind in edges.reshape(-1, 2):
+        if behind - first >= RESOLVED:
+            begin, end = float(full.t[first]), float(full.t[behind - 1])
+            yield {"guide": guide, "begin [s]": begin, "end [s]": end, "duration [s]": end - begin,
+                   "samples": int(behind - first), "verdict": INVENTED}
+
+
+def _jumps(record: Record, full: Trajectory, truth: Truth, effort: str) -> pd.DataFrame:
+    """Jumps of an effort within the table; ``readable`` are those that its samples, or its two sides, can show."""
+    table = torque_table([record], {record.key: truth}, effort)
+    if "event time [s]" not in table:
+        return pd.DataFrame()
+    table = table[table["event time [s]"] <= full.t[-1]]
+    times = np.array([event.time for event in truth.events])
+    room = [np.min(np.abs(times[times != time] - time), initial=truth.t_end) for time in table["event time [s]"]]
+    return table.assign(readable=bool(full.events) | (np.array(room) > (SAMPLES + 1) * _step(full)))
+
+
+def _findings(scene: Scene, full: Trajectory, given: set[str]) -> Iterator[str]:
+    """What the gate finds of the columns that are given: the first fault of each of its checks."""
+    states = _has(given, scene, POSITIONS, VELOCITIES)
+    forces = {name for name in columns_of(scene) if unit_of(name, scene) in ("N", "N m")} <= given
+    checks: dict[Predicate, bool] = {
+        coherence.start: states and full.t[0] == 0, coherence.residuals: states, coherence.velocities: states,
+        coherence.displacements: states, coherence.balance: states and forces and _has(given, scene, ACCELERATIONS),
+        coherence.corner_forces: forces, coherence.modes: True, coherence.unreported_events: states,
+        coherence.cone: states and forces, coherence.continuity: states}
+    columns = dict(full.columns)
+    if states:
+        for body in scene.bodies:
+            for rate, second in zip(VELOCITIES, ACCELERATIONS):  # of which the check of velocities takes the size
+                columns.setdefault(f"{body}.{second}", np.gradient(columns[f"{body}.{rate}"], full.t))
+    settings = {} if full.events else {"dt": _step(full)}
+    run = Examined(replace(full, columns=columns, settings=settings), scene, float(full.t[-1]), None, _step(full),
+                   "joint", lambda _: bool(full.events), lambda _: True)
+    for check, applies in checks.items():
+        if applies and (finding := next(check(run), None)):
+            yield finding

@@ -1,0 +1,201 @@
+"""A judgement in words, tables and figures, for the renderers of the studies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.measures.accuracy import TORQUE_ERROR, size_of, truth_graph
+from stiction.comparisons.measures.scene_truth import OWN_RTOL, OWN_RUN
+from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Number, Panel, Presentation, Series,
+                                               TableView, TracedText, count, scaled_value, sentence, traced, value,
+                                               view)
+from stiction.comparisons.truth import NO_TRUTH
+
+if TYPE_CHECKING:
+    from stiction.comparisons.judgement import Judgement
+
+DRAWN = 2000
+"""Samples of a line in the figure, at most."""
+NOTES = ("Errors are taken at the table's own instants: nothing between its rows is charged to it. A column that jumps "
+         "(accelerations, forces, efforts) has the mean of |error| over time; a jump within a row's distance is part "
+         "of its uncertainty.",
+         "size: the largest value of the true column. tier: what the truth of the column rests on.",
+         "A true stick phase is found where all samples in it, but the first and the last, are at rest: slower than a "
+         "thousandth of the largest slip speed, or of mode 0.")
+
+
+def presentation(judged: Judgement) -> Presentation:
+    """Say what a table of results is worth: errors, stick phases, jumps, drift, energy, and what samples can show."""
+    findings = [*_truth(judged), *_reading(judged), *_errors(judged), *_stick_phases(judged), *_jumps(judged),
+                *_balance(judged), *_coherence(judged)]
+    return Presentation(_answer(judged), tuple(filter(None, findings)), (), tuple(_tables(judged)),
+                        tuple(_figures(judged)), NOTES)
+
+
+def _answer(judged: Judgement) -> TracedText:
+    table = judged.tables["errors"]
+    if judged.truth.tier == NO_TRUTH:
+        return TracedText(f"There is no truth of {judged.scene.name}: its columns are held against each other alone.")
+    if table.empty:
+        return TracedText("The truth has none of the table's columns: they are held against each other alone.")
+    scale = {"m": 1.0, "rad": size_of(judged.scene)}
+    known = table["unit"].isin(list(scale))
+    worst = (table["error"] * table["unit"].map(scale) if known.any() else table["error"] / table["size"]).idxmax()
+    row = table.loc[worst]
+    kind = "position " if known.any() else ""
+    return traced("Largest {}error: {} {}, {}{}; truth: {}.{}", kind, value("errors", table, worst, "error"),
+                  row["unit"], row["column"], "" if pd.isna(row["at t [s]"]) else f" at t = {row['at t [s]']:.6g} s",
+                  row["tier"], " It seems to be misread: see below." if judged.is_misread else "")
+
+
+def _truth(judged: Judgement) -> Iterator[TracedText]:
+    truth, table = judged.truth, judged.tables["errors"]
+    if truth.tier == OWN_RUN:
+        yield TracedText(f"The truth is our own run at rtol {OWN_RTOL:g}, which is not independent"
+                         + (f": {truth.note}." if truth.note else "."))
+    elif truth.note:
+        yield TracedText(f"On the truth: {truth.note}.")
+    if judged.uncertainty is not None:
+        row = table[table["unit"].isin(["m", "rad"])]["uncertainty"].idxmax()
+        yield traced("The truth's positions are known to {} {}.", value("errors", table, row, "uncertainty"),
+                     table.at[row, "unit"])
+
+
+def _reading(judged: Judgement) -> Iterator[TracedText]:
+    """Causes that explain errors, and the end of a table that stops early."""
+    for cause, columns in judged.hints.items():
+        yield TracedText(f"{', '.join(columns)}: {cause}.")
+    if not judged.is_complete:
+        yield traced("The table ends at {} s of {} s.", _of(judged, "ends at [s]"), _of(judged, "t_end [s]"))
+
+
+def _of(judged: Judgement, column: str) -> Number | str:
+    """A cell of the summary; empty where there is none."""
+    table = judged.tables["summary"]
+    return value("summary", table, 0, column) if column in table and pd.notna(table.at[0, column]) else ""
+
+
+def _errors(judged: Judgement) -> Iterator[TracedText]:
+    yield sentence("Largest velocity error: {} m/s.", _of(judged, "velocity error [m/s]"))
+    yield sentence("Efforts of drives are off by {} N m in the mean.", _of(judged, TORQUE_ERROR))
+    yield sentence("Of its instants with two sides {} are true events, within {} s; {} are none. True events "
+                   "without one: {}.",
+                   *(_of(judged, column) for column in ("events matched", "event time error [s]", "events spurious",
+                                                        "events missed")))
+
+
+def _stick_phases(judged: Judgement) -> Iterator[TracedText]:
+    from stiction.comparisons.judgement import FOUND, INVENTED, MISSED, UNRESOLVED
+
+    table, name = judged.tables["stick-phases"], "stick-phases"
+    if table.empty:
+        return
+    true = count(name, table, verdict=frozenset({FOUND, MISSED, UNRESOLVED}))
+    if true.text != "0":
+        yield traced("Stick phases: {} of {} found.", count(name, table, verdict=FOUND), true)
+    short = table[table["verdict"] == UNRESOLVED]
+    if len(short):
+        row, step = short["duration [s]"].idxmin(), judged.tables["summary"]
+        yield traced("{} of the stick phases are too short for the samples, which says nothing of the solver: the "
+                     "shortest takes {} ms, samples are {} ms apart.", count(name, table, verdict=UNRESOLVED),
+                     scaled_value(name, table, row, "duration [s]"),
+                     scaled_value("summary", step, 0, "sample distance [s]"))
+    if (table["verdict"] == INVENTED).any():
+        yield traced("It rests {} times where the truth slips.", count(name, table, verdict=INVENTED))
+
+
+def _jumps(judged: Judgement) -> Iterator[TracedText]:
+    table = judged.tables["jumps"]
+    for effort, rows in table.groupby("effort", sort=False) if len(table) else ():
+        n = count("jumps", table, effort=effort)
+        read = rows[rows["resolved"].astype(bool)]
+        worst = "" if read.empty else traced(", at most {} N m off", value(
+            "jumps", table, read["jump error [N m]"].abs().idxmax(), "jump error [N m]", "", "jump uncertainty [N m]"))
+        yield traced("Jumps of {}: {} of {} read{}.", str(effort), count("jumps", table, effort=effort, resolved=True),
+                     n, worst)
+        if (~rows["readable"] & ~rows["resolved"].astype(bool)).any():
+            yield traced("{} of the others are too close to another event for the distance of samples.",
+                         count("jumps", table, effort=effort, readable=False, resolved=False))
+
+
+def _balance(judged: Judgement) -> Iterator[TracedText]:
+    growth = judged.tables["summary"].get("growth", pd.Series([""]))[0]
+    yield sentence("Constraints are violated by at most {} m; the drift is: {}.",
+                   _of(judged, "position drift, max [m]"), str(growth))
+    yield sentence("Energy: {} J of the {} J exchanged are not accounted for.", _of(judged, "energy error [J]"),
+                   _of(judged, "energy exchanged [J]"))
+
+
+def _coherence(judged: Judgement) -> Iterator[TracedText]:
+    """Faults that the gate finds, and columns that nobody looked at."""
+    table = judged.tables["findings"]
+    for row in table.index:
+        yield traced("Its columns do not fit: {}.", value("findings", table, row, "finding"))
+    if judged.table.left_out:
+        yield TracedText(f"Columns that are none of the scene's: {', '.join(judged.table.left_out)}.")
+
+
+def _tables(judged: Judgement) -> Iterator[TableView]:
+    errors = judged.tables["errors"]
+    if len(errors):
+        columns = (Column("column"), Column("error"), Column("unit"), Column("measure"), Column("at t [s]", form=".6g"),
+                   Column("size", form=".3g"), Column("tier"), Column("hint"))
+        shown = errors.assign(error=[str(value("errors", errors, i, "error").text) if pd.notna(errors.at[i, "error"])
+                                     else "" for i in errors.index])
+        kinds = errors.dropna(subset="error").groupby("unit", sort=False)["error"].idxmax()
+        yield view("worst", "Of each kind of column that with the largest error.", shown.loc[kinds], columns,
+                   source="errors")
+        yield view("errors", "Errors of all columns.", shown, columns)
+    if len(phases := judged.tables["stick-phases"]):
+        yield view("stick-phases", "Stick phases.", phases,
+                   (Column("guide"), Column("begin [s]", form=".6f"), Column("end [s]", form=".6f"),
+                    Column("duration [s]", form=".3g"), Column("samples"), Column("verdict"),
+                    Column("fastest slip [m/s]", form=".2g")))
+    if len(jumps := judged.tables["jumps"]):
+        yield view("jumps", "Jumps of efforts at the events of the truth.", jumps,
+                   (Column("effort"), Column("event time [s]", form=".6f"), Column("kind"),
+                    Column("jump, truth [N m]", form=".4g"), Column("jump [N m]", form=".4g"),
+                    Column("jump error [N m]", uncertainty="jump uncertainty [N m]"),
+                    Column("time error [s]", form=".2g"), Column("resolved", "read"), Column("readable")))
+
+
+def _figures(judged: Judgement) -> Iterator[Chart]:
+    if judged.truth.tier == NO_TRUTH:
+        return
+    run, panels = judged.trajectory, list(_differences(judged))
+    phases = judged.tables["stick-phases"]
+    true = phases[phases["verdict"] != "the truth slips"] if len(phases) else phases
+    shades = list(zip(true["begin [s]"], true["end [s]"])) if len(true) else []
+    t = np.linspace(run.t[0], run.t[-1], DRAWN)
+    known = judged.truth(run.t)
+    drawn = [(f"{guide}.slip_velocity", "slip velocity [m/s]") for guide in judged.scene.frictional_guides]
+    drawn += [(f"{drive}.effort", "effort [N m or N]") for drive in judged.scene.drives]
+    every = slice(None, None, -(-len(run.t) // DRAWN))
+    for name, label in drawn:
+        if name in known and name in run:
+            exact = truth_graph(judged.truth, name, t)
+            panels.append(Panel(name, Axis("time [s]"), Axis(label), [
+                Series("truth", exact.t, exact.values, look=TRUTH),
+                Series("table", run.t[every], run[name][every], look="table", line=False, points=True)], shades=shades))
+    if panels:
+        yield Chart("judgement", "Difference of positions from the truth, and columns of the table with the truth; "
+                    "grey: true stick phases.", panels, 1, share_x=True)
+
+
+def _differences(judged: Judgement) -> Iterator[Panel]:
+    table, run = judged.tables["errors"], judged.trajectory
+    names = list(table.loc[table["unit"] == "m", "column"]) if len(table) else []
+    exact = judged.truth(run.t)
+    series = []
+    for name in names:
+        off = np.abs(run[name] - exact[name])
+        parts = np.array_split(np.arange(len(off)), min(DRAWN, len(off)))
+        top = np.array([part[np.argmax(off[part])] for part in parts])
+        top = top[off[top] > 0]  # a logarithmic axis has no zero
+        series.append(Series(name, run.t[top], off[top], look=name))
+    if any(len(one.x) for one in series):
+        yield Panel("positions", Axis("time [s]"), Axis("difference [m]", log=True), series)

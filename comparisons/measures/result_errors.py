@@ -1,0 +1,106 @@
+"""Errors of a table of results against a truth, column by column, at the table's own instants; likely causes of them.
+
+Nothing is interpolated between samples of the table but the error itself, where a quantity jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.measures.accuracy import effort_error, is_known
+from stiction.comparisons.truth import Truth
+from stiction.scenes import Scene, Trajectory
+from stiction.scenes.columns import BODY_COLUMNS, unit_of
+from stiction.scenes.result_table import ResultTable
+
+CONTINUOUS = (*BODY_COLUMNS[0], *BODY_COLUMNS[1], "displacement", "slip_velocity")
+"""Columns without jumps: their largest error counts; of the others, which a jump a step late makes large, the mean."""
+TURN = 2 * np.pi
+EXPLAINS = 0.1
+"""Part of the mean error that is left at most, where a cause explains it."""
+COARSE, SLIGHT = 1e-2, 1e-6
+"""Parts of a column's size: errors above the one may come from other units, signs or origins; below the other, no cause
+is sought."""
+KNOWN = 1e3
+"""Ratio of a column's size to its uncertainty above which it is not nothing but rounding."""
+
+
+@dataclass(frozen=True)
+class Hint:
+    """A cause that explains the errors of a column; `is_input` where the column must be read in another way."""
+
+    cause: str
+    is_input: bool
+
+
+def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scene: Scene) -> pd.DataFrame:
+    """Return a row per column that both the table and the truth have: error, its instant, uncertainty, size, hint.
+
+    `trajectory` holds the same results, one row per instant and the sides of jumps as events. Angles are compared up to
+    whole turns. Of a column that jumps the error is the mean of |error| over time.
+    """
+    before, after = (truth(table.t, side) for side in ("before", "after"))
+    rows = []
+    for name, found in table.columns.items():
+        label = name.rpartition(".")[2]
+        if name not in after or label == "mode":
+            continue
+        sides = np.stack([found - before[name], found - after[name]])
+        off = np.take_along_axis(sides, np.argmin(np.abs(sides), axis=0)[None], axis=0)[0]
+        if label == "angle":
+            off = off - TURN * np.round(off / TURN)
+        unit, size = unit_of(name, scene), float(np.max(np.abs(after[name])))
+        row = {"column": name, "unit": unit, "size": size, "tier": _tier(name, truth)}
+        if label in CONTINUOUS:
+            worst = int(np.argmax(np.abs(off)))
+            row |= {"measure": "largest", "error": abs(float(off[worst])), "at t [s]": float(table.t[worst]),
+                    "uncertainty": truth.uncertainty.get(name, 0.0)}
+        elif is_known(trajectory, name):
+            mean = effort_error(trajectory, truth, name)
+            row |= {"measure": "mean over time", "error": mean.value, "uncertainty": mean.uncertainty}
+        else:
+            row |= {"measure": "left open at some instants"}
+        known = np.isfinite(found).all() and size > KNOWN * truth.uncertainty.get(name, 0.0)
+        cause = hint(found, after[name], off, unit) if known else None
+        rows.append({**row, "hint": cause.cause if cause else "", "is input": bool(cause and cause.is_input)})
+    return pd.DataFrame(rows)
+
+
+def _tier(column: str, truth: Truth) -> str:
+    """Tier of a column: a proof encloses positions and velocities."""
+    return truth.tier if column.rpartition(".")[2] in CONTINUOUS[:6] else truth.effort_tier
+
+
+def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hint | None:
+    """Return the cause that explains the differences `off` of a column from the truth; None without any.
+
+    All of shape (n,). Causes are other units, the other sign, a step early or late, another origin.
+    """
+    error, size = float(np.mean(np.abs(off))), float(np.mean(np.abs(true)))
+    if not error > SLIGHT * size:
+        return None
+    left = {cause: float(np.mean(np.abs(other))) for cause, other in _causes(found, true, off, unit, error, size)}
+    best = min(left, key=lambda cause: left[cause], default=None)
+    return best if best is not None and left[best] <= EXPLAINS * error else None
+
+
+def _causes(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str, error: float,
+            size: float) -> Iterator[tuple[Hint, np.ndarray]]:
+    """Causes, each with the differences that it leaves."""
+    if error > COARSE * size:
+        units: Mapping[str, str] = {"m": "mm", "N m": "mm"}
+        kind = unit.partition("/")[0]
+        if kind == "rad":
+            yield Hint("57.3 times the truth: degrees? (--units deg)", True), found * np.pi / 180 - true
+        elif kind in ("m", "N", "N m"):
+            words = f" (--units {units[kind]})" if kind in units else ""
+            yield Hint(f"1000 times the truth: other units?{words}", True), found / 1e3 - true
+            yield Hint("a thousandth of the truth: other units?", True), found * 1e3 - true
+        yield Hint("the other sign (--map MINE=-COLUMN)", True), -found - true
+        yield Hint("off by a constant: another origin or point of the body?", True), off - np.mean(off)
+    yield Hint("a sample late: each row has the value of the row before", False), found[1:] - true[:-1]
+    yield Hint("a sample early: each row has the value of the row behind", False), found[:-1] - true[1:]

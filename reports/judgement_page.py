@@ -1,0 +1,49 @@
+"""The folder of a judgement: a Markdown page, its figure, and its tables as data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from stiction.comparisons.judgement import Judgement
+from stiction.comparisons.presentation.table_view import TableView
+from stiction.comparisons.results import Results
+from stiction.reports.figures.charts import drawn
+from stiction.reports.figures.style import rc, save
+from stiction.reports.markdown.study_section import figure, more, table
+from stiction.reports.run_folder.data import storable, write_frame
+from stiction.reports.run_folder.overwriting import run_folder, write_provenance
+
+MAIN = "judgement.md"
+"""The page; a folder with it is replaced by a later call."""
+
+
+def write_judgement(judged: Judgement, folder: Path) -> Path:
+    """Write page, figure (SVG, PDF) and tables (CSV, Parquet); return the page.
+
+    Raises
+    ------
+    FolderRefused
+        For a folder with other files, as `run_folder` says.
+    """
+    said = judged.presentation
+    with run_folder(folder, MAIN) as partial:
+        for part in ("data", "figures"):
+            (partial / part).mkdir()
+        for name, frame in judged.tables.items():
+            if len(frame.columns):
+                storable(frame).to_csv(partial / "data" / f"{name}.csv", index=False)
+                write_frame(storable(frame), partial / "data" / f"{name}.parquet")
+        with rc():
+            drawings = list(drawn(said.figures, Results((), {}, {})))
+            for drawing in drawings:
+                save(drawing, partial / "figures")
+        items = "\n".join(f"- {part.text}" for part in said.findings)
+        parts = [f"# {judged.table.origin} on {judged.scene.name}", f"**{said.answer.text}**", items,
+                 *map(figure, drawings), *map(_section, said.tables), "\n".join(f"- {note}" for note in said.notes)]
+        (partial / MAIN).write_text("\n\n".join(filter(None, parts)) + "\n", encoding="utf-8")
+        write_provenance(partial, {"scene": judged.scene.name, "table": judged.table.origin})
+    return Path(folder) / MAIN
+
+
+def _section(view: TableView) -> str:
+    return f"*{view.caption}*\n\n{table(view)}{more(view)}"

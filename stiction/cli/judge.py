@@ -1,0 +1,79 @@
+"""`stiction judge`: the results of anybody's program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stiction.cli.exit_codes import BAD_INPUT, REGRESSED, ended
+from stiction.cli.options import EndTime, Overrides, SceneName, about, positive, scene_of
+from stiction.cli.render import show
+
+if TYPE_CHECKING:
+    from stiction.comparisons.judgement import Judgement
+
+commands = typer.Typer()
+
+
+@commands.command()
+def judge(scene: SceneName,
+          result: Annotated[Path, typer.Argument(
+              metavar="RESULT", help="A table, .csv or .parquet: a column t, and one or more of the scene's columns. "
+              "Two rows of one time are both sides of a jump.")],
+          names: Annotated[list[str], typer.Option(
+              "--map", metavar="MINE=COLUMN", help="Name of a column in RESULT and in the scene: x1=slider.x, "
+              "x1=-slider.x for the other sign, x1= to leave it out. Repeatable.")] = [],
+          units: Annotated[str, typer.Option(
+              metavar="A,B,..", help="Units of RESULT that are not SI: mm, cm; deg; ms, us; kN, mN. Of all columns: "
+              "with mm velocities are mm/s and moments N mm.")] = "",
+          max_error: Annotated[float | None, typer.Option(
+              "--max-error", metavar="M", parser=positive, help="Exit with 3 where a position is off by more metres "
+              "(an angle: times the mechanism's size), or RESULT ends early.")] = None,
+          t_end: EndTime = None, overrides: Overrides = [],
+          out: Annotated[Path | None, typer.Option(
+              metavar="FOLDER", help="Write a page, a figure and the tables: new, empty, or of an earlier call.")
+          ] = None) -> None:
+    """Judge a table of results of any program: errors against the truth, stick phases, jumps, drift, energy."""
+    from stiction.comparisons.judgement import judge as judged_by
+    from stiction.reports.judgement_page import MAIN, write_judgement
+    from stiction.reports.run_folder.overwriting import check_folder
+    from stiction.scenes.result_table import parse_map, parse_units
+
+    with about("--map"):
+        mapping = parse_map(names)
+    with about("--units"):
+        sizes = parse_units(units)
+    if out is not None:
+        with about("--out"):
+            check_folder(out, MAIN)
+    judged = judged_by(scene_of(scene, overrides), result, mapping, sizes, t_end)
+    print(f"{result} on {judged.scene.name}")
+    print(judged)
+    print()
+    for view in judged.presentation.tables[:1]:
+        show(view.heads(), view.cells())
+    if out is not None:
+        print(write_judgement(judged, out))
+    _end(judged, max_error)
+
+
+def _end(judged: Judgement, max_error: float | None) -> None:
+    """End with an exit code where the table is misread, or misses the bound."""
+    if judged.is_misread:
+        raise ended(BAD_INPUT, f"{judged.table.origin}: " + "; ".join(
+            f"{', '.join(columns)}: {cause}" for cause, columns in judged.hints.items()))
+    if max_error is None:
+        return
+    if judged.error is None:
+        raise ended(BAD_INPUT, "--max-error: found no position that the truth has; expected one or more")
+    if judged.uncertainty >= max_error:
+        raise ended(BAD_INPUT, f"--max-error: found {max_error:g} m; expected more than the uncertainty of the truth, "
+                               f"{judged.uncertainty:.2g} m")
+    if not judged.is_complete:
+        raise ended(REGRESSED, f"{judged.table.origin}: ends at {judged.trajectory.t[-1]:g} s; expected "
+                               f"{judged.scene.t_end:g} s (--t-end says otherwise)")
+    if judged.error > max_error:
+        raise ended(REGRESSED, f"{judged.table.origin}: position error {judged.error:.3g} m; expected at most "
+                               f"{max_error:g} m")

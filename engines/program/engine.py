@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -58,6 +59,26 @@ class _Report(Model):
     counters: dict[str, int] = {}
     setup_s: Annotated[float, Field(ge=0)] = 0.0
     termination: Annotated[str, Field(min_length=1)] = "end"
+
+
+@dataclass(frozen=True)
+class Product:
+    """What a program has made of a scene.
+
+    Attributes
+    ----------
+    table : ResultTable
+    report : _Report
+    settings : Mapping
+        Step or tolerance, and settings of the program.
+    cpu_s : float
+        CPU seconds of the program.
+    """
+
+    table: ResultTable
+    report: _Report
+    settings: Mapping[str, Any]
+    cpu_s: float
 
 
 class ProgramEngine(Engine):
@@ -143,6 +164,24 @@ class ProgramEngine(Engine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        made = self.product(scene, t_end, dt, rtol, output_step, settings)
+        columns, extra = _columns(scene, made.table, self.name)
+        setup, last = min(made.report.setup_s, made.cpu_s), made.table.last
+        return Trajectory(
+            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=made.table.t[last],
+            columns={name: values[last] for name, values in columns.items()},
+            events=tuple(self._events(made, columns, t_end)), termination=made.report.termination,
+            settings={**made.settings, **extra, "friction_law": self.capabilities.friction_law[fidelity]},
+            cost=Cost(setup, 0.0, made.cpu_s - setup, made.report.counters))
+
+    def product(self, scene: Scene, t_end: float, dt: float | None, rtol: float | None, output_step: float,
+                settings: Mapping[str, Any]) -> Product:
+        """Run the program and read what it has written; for arguments see `Engine.run`.
+
+        Raises
+        ------
+        Refused, EngineFailure, BadTrajectory
+        """
         chosen = {**self.declaration.settings, **settings}
         method = {"rtol": rtol or DEFAULT_RTOL} if self._can.adaptive else {"dt": step_of(dt, t_end)}
         handed = scene.model_copy(update={"t_end": t_end})
@@ -151,22 +190,15 @@ class ProgramEngine(Engine):
             paths = {"scene": place / "scene.json", "result": place / f"result.{self.declaration.result}",
                      "events": place / "events.json"}
             paths["scene"].write_text(resolved_text(handed), encoding="utf-8")
+            numbers = {"t_end": t_end, "output_step": output_step, **method}
             values = {key: str(path) for key, path in paths.items()}
-            values |= {key: repr(float(value)) for key, value in {"t_end": t_end, "output_step": output_step,
-                                                                  **method}.items()}
+            values |= {key: repr(float(value)) for key, value in numbers.items()}
             words = [f"{key}={as_given(value)}" for key, value in chosen.items()]
             ended = run_program([str(self._program), *self.declaration.arguments(values, words)], self.folder,
                                 self.declaration.environment, place, self.declaration.largest_file * 2 ** 20)
             self._check(ended, paths)
-            report, table = self._report(paths["events"]), self._table(paths["result"], handed)
-        columns, made = _columns(scene, table, self.name)
-        setup = min(report.setup_s, ended.cpu_s)
-        return Trajectory(
-            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=table.t[table.last],
-            columns={name: values[table.last] for name, values in columns.items()},
-            events=tuple(self._events(report, table, columns, t_end)), termination=report.termination,
-            settings={**method, **chosen, **made, "friction_law": self.capabilities.friction_law[fidelity]},
-            cost=Cost(setup, 0.0, ended.cpu_s - setup, report.counters))
+            return Product(self._table(paths["result"], handed), self._report(paths["events"]), method | chosen,
+                           ended.cpu_s)
 
     def _check(self, ended: Ended, paths: Mapping[str, Path]) -> None:
         """Raise what the end of the program stands for."""
@@ -199,11 +231,11 @@ class ProgramEngine(Engine):
         except ValueError as error:
             raise BadTrajectory(f"{self.name} returned events that are not JSON: {error}") from None
 
-    def _events(self, report: _Report, table: ResultTable, columns: Mapping[str, np.ndarray],
-                t_end: float) -> Iterator[Event]:
+    def _events(self, made: Product, columns: Mapping[str, np.ndarray], t_end: float) -> Iterator[Event]:
         """Events with the two rows that the table has at their times."""
+        table = made.table
         instants = table.t[table.first]
-        for event in report.events:
+        for event in made.report.events:
             i = int(np.argmin(np.abs(instants - event.time)))
             sides = [int(rows[i]) for rows in (table.first, table.last)]
             if abs(instants[i] - event.time) > _SAME * t_end or sides[0] == sides[1]:

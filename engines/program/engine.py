@@ -196,21 +196,20 @@ class ProgramEngine(Engine):
             words = [f"{key}={as_given(value)}" for key, value in chosen.items()]
             ended = run_program([str(self._program), *self.declaration.arguments(values, words)], self.folder,
                                 self.declaration.environment, place, self.declaration.largest_file * 2 ** 20)
-            self._check(ended, paths)
+            self._check(ended, paths["result"])
             return Product(self._table(paths["result"], handed), self._report(paths["events"]), method | chosen,
                            ended.cpu_s)
 
-    def _check(self, ended: Ended, paths: Mapping[str, Path]) -> None:
+    def _check(self, ended: Ended, result: Path) -> None:
         """Raise what the end of the program stands for."""
         if ended.code == REFUSAL:
             raise Refused(ended.said or f"{self.name} ended with exit code {REFUSAL}, a refusal, and printed no reason")
-        limit = self.declaration.largest_file * 2 ** 20
-        full = [path.name for path in paths.values() if path.exists() and path.stat().st_size >= limit]
-        too_much = (f"; {' and '.join(full) or 'a file'} has reached the limit of {self.declaration.largest_file} MiB"
-                    if full or "SIGXFSZ" in ended.words else "")
+        most = self.declaration.largest_file
+        full = [path.name for path in result.parent.iterdir() if path.stat().st_size >= most * 2 ** 20]
+        too_much = f"; {' and '.join(full)}: reached the limit of {most} MiB" if full else ""
         if ended.code != 0 or too_much:
             raise EngineFailure(f"{self.name}: {ended.words}{too_much}")
-        if not paths["result"].is_file():
+        if not result.is_file():
             raise BadTrajectory(f"{self.name} returned no file; expected one at {{result}}: {ended.words}")
 
     def _table(self, path: Path, scene: Scene) -> ResultTable:

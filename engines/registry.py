@@ -80,7 +80,7 @@ def label_of(name: str) -> str:
         return name
     try:
         return load_engine(name).name
-    except EngineMissing:
+    except (EngineMissing, UnknownEngine):
         return Path(name).stem
 
 
@@ -117,6 +117,8 @@ def load_engine(name: str) -> Engine:
     if name.endswith(PROGRAM):
         from stiction.engines.program.engine import ProgramEngine  # most runs have none
 
+        if not Path(name).is_file():
+            raise UnknownEngine(f"engine: found no file {name!r}; expected the declaration of a program")
         return ProgramEngine(Path(name).resolve())
     if name not in BUILT_IN and name not in _announced(tuple(sys.path)):
         _announced.cache_clear()  # its package may have been installed since

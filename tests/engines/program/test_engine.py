@@ -15,7 +15,7 @@ from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.participants import variants
 from stiction.comparisons.digest import circumstances, digest
 from stiction.comparisons.timing.rounds import seconds_of
-from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Job, Refused, load_engine, run_isolated
+from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Job, Refused, UnknownEngine, load_engine, run_isolated
 from stiction.engines.program.engine import DIFFERENCES, ProgramError
 from stiction.scenes import InputError, load_scene, scene_from_dict, vary
 
@@ -253,9 +253,10 @@ class TestDeclaration:
 
     def test_file_that_is_not_there_or_no_toml(self, tmp_path):
         (tmp_path / "x.toml").write_text("name = ")
-        for name in ("x.toml", "y.toml"):
-            with pytest.raises(ProgramError, match="file"):
-                load_engine(str(tmp_path / name))
+        with pytest.raises(ProgramError, match="file"):
+            load_engine(str(tmp_path / "x.toml"))
+        with pytest.raises(UnknownEngine, match="no file"):
+            load_engine(str(tmp_path / "y.toml"))
 
 
 class TestIdentity:

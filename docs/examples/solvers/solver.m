@@ -6,6 +6,8 @@
 % load of the corners of a slider: max(|R|, 2 |N| / length) of its own impulses L;   q <- q + h (v + w) / 2.
 1;  % a script, not a function file
 
+% laws of time
+
 function [value, rate] = law_at(law, t)
   switch law.type
     case "constant", value = law.value; rate = 0;
@@ -33,6 +35,8 @@ function [value, rate] = law_at(law, t)
       end
   end
 end
+
+% mechanics
 
 function at = place(bodies, name)  % of a body among the coordinates; empty for the ground
   at = [];

@@ -12,6 +12,8 @@ import json
 import math
 import sys
 
+# laws of time
+
 
 def law(data, t):
     """Value and rate of a law at time t."""
@@ -50,6 +52,9 @@ def spline(x, y):
     for i in range(n - 2, 0, -1):
         d[i] -= c[i] * d[i + 1]
     return d
+
+
+# mechanics
 
 
 class Mechanism:

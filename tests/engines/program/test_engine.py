@@ -1,9 +1,11 @@
 """A program as an engine: what it is given, what becomes of its result, and what becomes of its failures."""
 
+import inspect
 import json
 import os
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,8 @@ from stiction.comparisons.campaigns.participants import variants
 from stiction.comparisons.digest import circumstances, digest
 from stiction.comparisons.timing.rounds import seconds_of
 from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Job, Refused, UnknownEngine, load_engine, run_isolated
+from stiction.engines.program import declaration
+from stiction.engines.program.declaration import Declaration
 from stiction.engines.program.engine import DIFFERENCES, ProgramError
 from stiction.scenes import InputError, load_scene, scene_from_dict, vary
 
@@ -250,6 +254,10 @@ class TestDeclaration:
     def test_what_is_wrong_is_named(self, program, change, words):
         with pytest.raises(ProgramError, match=words):
             load_engine(program(**change))
+
+    def test_example_of_the_module_is_one(self):
+        text = inspect.getdoc(declaration).partition("\n")[2]
+        assert Declaration.model_validate(tomllib.loads(text)).capabilities.friction_law
 
     def test_file_that_is_not_there_or_no_toml(self, tmp_path):
         (tmp_path / "x.toml").write_text("name = ")

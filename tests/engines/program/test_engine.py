@@ -17,7 +17,8 @@ from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.participants import variants
 from stiction.comparisons.digest import circumstances, digest
 from stiction.comparisons.timing.rounds import seconds_of
-from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Job, Refused, UnknownEngine, load_engine, run_isolated
+from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Refused, UnknownEngine, load_engine,
+                              run_isolated)
 from stiction.engines.program import declaration
 from stiction.engines.program.declaration import Declaration
 from stiction.engines.program.engine import DIFFERENCES, ProgramError

@@ -37,7 +37,8 @@ _PENDULUM = {"t_end": 1, "gravity": [0, -9.81],
 
 ADDED: Mapping[str, str] = {
     "free-body": "the start, weight, and the table itself",
-    "pendulum-on-a-pin": "a pin: points[0] is in the axes of bodies[0], from its centre of mass, and turns with its angle",
+    "pendulum-on-a-pin": "a pin: points[0] is in the axes of bodies[0], from its centre of mass, and turns with "
+                         "its angle",
     "block-on-incline": "a guide with friction, whose load is the sum of the corner forces, max(|R|, 2 |N| / length)",
     "slider-bar-case-1": "a drive and a load that follow laws of time, a spring, a slider that sticks and slips, and "
                          "friction with a lever (width)"}
@@ -131,8 +132,9 @@ def _faults(found: Judgement) -> Iterator[str]:
     for row in wrong.to_dict("records"):
         causes.setdefault(_exchanged(found, row["column"]) or row["hint"], []).append(row["column"])
     if "" in causes:  # then what seems to explain some of the columns is chance
-        yield (f"{', '.join(wrong['column'])}: wrong from t = {_begin(found, list(wrong['column'])):.3g} s on; no unit, "
-               "sign or order of columns explains it")
+        columns = list(wrong["column"])
+        yield (f"{', '.join(columns)}: wrong from t = {_begin(found, columns):.3g} s on; no unit, sign or order of "
+               "columns explains it")
         yield f"new in this scene: {ADDED[scene.name]}"
     else:
         yield from (f"{', '.join(columns)}: {cause}" for cause, columns in causes.items())

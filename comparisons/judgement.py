@@ -17,12 +17,13 @@ import pandas as pd
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.energy_balance import energy_balance, needed_columns
-from stiction.comparisons.measures.result_errors import column_errors
+from stiction.comparisons.measures.result_errors import TURN, column_errors
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.comparisons.measures.torque_jumps import SAMPLES, torque_table
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.truth import NO_TRUTH, Truth
+from stiction.comparisons.truth_folder import is_truth_folder, read_truth
 from stiction.comparisons.variants import Record, Variant
 from stiction.engines import coherence
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate
@@ -54,7 +55,8 @@ class Judgement:
         ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``: rows may be
         none.
     trajectory : Trajectory
-        The table, one row per instant, both sides of jumps as events.
+        The table, one row per instant, both sides of jumps as events, with displacements, slip velocities and drift
+        that follow from its columns.
     """
 
     scene: Scene
@@ -117,7 +119,8 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     Parameters
     ----------
     scene
-        A scene, the name of one of the catalogue, or a TOML file.
+        A scene, the name of one of the catalogue, a TOML file, or the folder of a scene in a data set of truths, whose
+        truth is then read and not solved.
     frame
         A CSV or Parquet file, a DataFrame, a mapping of arrays or a Trajectory: a time column ``t`` and one or more of
         the scene's columns.
@@ -135,22 +138,32 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     ResultError
         For a table that cannot be a result of the scene.
     """
-    loaded = scene if isinstance(scene, Scene) else load_scene(scene)
+    truth = None
+    if isinstance(scene, Scene):
+        loaded = scene
+    elif is_truth_folder(scene):
+        loaded, truth = read_truth(Path(scene))
+    else:
+        loaded = load_scene(scene)
     if t_end is not None:
+        if truth is not None and t_end > truth.t_end:
+            raise InputError(f"t_end: found {t_end:g} s; expected at most {truth.t_end:g} s, the end of the truth in "
+                             f"{scene}")
         loaded = vary(loaded, {"t_end": t_end})
     if isinstance(frame, (str, Path)):
         table = read_result(frame, loaded, mapping, units)
     else:
         given = frame.to_frame(events=True) if isinstance(frame, Trajectory) else frame
         table = result_table(given, loaded, mapping, units)
-    return judged(loaded, table, ground_truth(loaded))
+    return judged(loaded, table, truth or ground_truth(loaded))
 
 
 def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
     """Judge a table by a truth of the scene."""
-    table = _within(table, truth.t_end)
+    table = _within(table, min(scene.t_end, truth.t_end))
     trajectory = trajectory_of(scene, table, truth)
-    full = replace(trajectory, columns={**_derived(scene, trajectory), **trajectory.columns})
+    derived = _derived(scene, trajectory)
+    full = replace(trajectory, columns={**derived, **trajectory.columns})
     record = Record(f"{scene.name}/{table.origin}", scene.name, Variant("table", "table", "dt", (_step(full),)),
                     _step(full), Outcome("table", "ok", trajectory))
     known = truth.tier != NO_TRUTH
@@ -158,22 +171,24 @@ def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
              if known and f"{drive}.effort" in trajectory]
     tables = {
         "errors": column_errors(table, trajectory, truth, scene) if known else pd.DataFrame(),
-        "summary": pd.DataFrame([_summary(scene, table, full, truth)]),
+        "summary": pd.DataFrame([_summary(scene, table, replace(full, columns=full.columns | derived), truth)]),
         "stick-phases": pd.DataFrame([row for name in scene.frictional_guides if known
                                       for row in _stick_phases(scene, full, truth, name)]),
         "jumps": pd.concat(jumps, ignore_index=True) if jumps else pd.DataFrame(),
         "findings": pd.DataFrame({"finding": list(_findings(scene, full, set(trajectory.columns)))}, dtype=object)}
-    return Judgement(scene, table, truth, tables, trajectory)
+    return Judgement(scene, table, truth, tables, full)
 
 
 def _within(table: ResultTable, t_end: float) -> ResultTable:
-    """The rows until the end; what rounding adds to the last one is taken off."""
+    """The rows until the end; what rounding adds to the last one is taken off, and angles within a turn go on."""
     kept = table.t <= t_end * (1 + 1e-9)
     if np.count_nonzero(kept) < 2:
         raise InputError(f"{table.origin}: found times from {table.t[0]:g} s on; "
                          f"expected two rows within 0 .. {t_end:g} s")
     t = np.clip(table.t[kept], 0.0, t_end)
-    return replace(table, t=t, columns={name: values[kept] for name, values in table.columns.items()})
+    columns = {name: values[kept] for name, values in table.columns.items()}
+    wrapped = [name for name in columns if name.endswith(".angle") and np.ptp(columns[name]) <= TURN * (1 + 1e-6)]
+    return replace(table, t=t, columns=columns | {name: np.unwrap(columns[name]) for name in wrapped})
 
 
 def trajectory_of(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
@@ -209,9 +224,12 @@ def _has(columns: Mapping[str, Any] | set[str], scene: Scene, *labels: tuple[str
 
 
 def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
-    """Displacements, slip velocities and drift that follow from the states of all bodies, as far as these are given."""
+    """Displacements, slip velocities and drift that follow from what is given: from the states of all bodies.
+
+    Without velocities a slip velocity is the difference quotient of displacements.
+    """
     if not _has(found.columns, scene, POSITIONS):
-        return {}
+        return _rates(scene, found.t, found.columns)
     moves = _has(found.columns, scene, VELOCITIES)
     mechanism = Mechanism(scene, stabilization="none")
     q = np.ascontiguousarray(stacked(found.columns, mechanism.body_names, POSITIONS))
@@ -221,10 +239,13 @@ def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
     columns = build_columns(mechanism, found.t, q, v, np.zeros_like(q), force, None,
                             [*names, "drift.position", "drift.velocity"])
     if not moves:
-        rates = {f"{guide}.slip_velocity": np.gradient(columns[f"{guide}.displacement"], found.t)
-                 for guide in scene.guides}
-        columns |= {**rates, "drift.velocity": np.full(len(found.t), np.nan)}
+        columns |= {**_rates(scene, found.t, columns), "drift.velocity": np.full(len(found.t), np.nan)}
     return columns
+
+
+def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {f"{guide}.slip_velocity": np.gradient(columns[f"{guide}.displacement"], t) for guide in scene.guides
+            if f"{guide}.displacement" in columns}
 
 
 def _step(found: Trajectory) -> float:

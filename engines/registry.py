@@ -107,8 +107,8 @@ def load_engine(name: str) -> Engine:
     ------
     UnknownEngine
         If nothing has this name, or what has it is not an `Engine`, or lacks something that is `OBLIGATORY`.
-    ProgramError
-        If the declaration of a program cannot be used.
+    InputError
+        If the declaration of a program cannot be used; it lists all problems.
     EngineMissing
         If the engine's package is not installed, too old, broken or cannot be imported; the message says what to
         install. Of an engine that another package announces whatever its adapter raises is one, so that the other

@@ -194,11 +194,12 @@ class ProgramEngine(Engine):
             values = {key: str(path) for key, path in paths.items()}
             values |= {key: repr(float(value)) for key, value in numbers.items()}
             words = [f"{key}={as_given(value)}" for key, value in chosen.items()]
-            ended = run_program([str(self._program), *self.declaration.arguments(values, words)], self.folder,
-                                self.declaration.environment, place, self.declaration.largest_file * 2 ** 20)
-            self._check(ended, paths["result"])
-            return Product(self._table(paths["result"], handed), self._report(paths["events"]), method | chosen,
-                           ended.cpu_s)
+            command = [str(self._program), *self.declaration.arguments(values, words)]
+            with run_program(command, self.folder, self.declaration.environment, place,
+                             self.declaration.largest_file * 2 ** 20) as ended:
+                self._check(ended, paths["result"])
+                return Product(self._table(paths["result"], handed), self._report(paths["events"]), method | chosen,
+                               ended.cpu_s)
 
     def _check(self, ended: Ended, result: Path) -> None:
         """Raise what the end of the program stands for."""
@@ -261,8 +262,8 @@ def _read(file: Path) -> Declaration:
 def _answer(name: str, command: tuple[str, ...], folder: Path, environment: tuple[tuple[str, str], ...],
             digests: bytes) -> str:
     """The first line that the version command prints; asked again where a file of the command has changed."""
-    with TemporaryDirectory(prefix="stiction-program-") as scratch:
-        ended = run_program(command, folder, dict(environment), Path(scratch), 2 ** 20, VERSION_S)
+    with (TemporaryDirectory(prefix="stiction-program-") as scratch,
+          run_program(command, folder, dict(environment), Path(scratch), 2 ** 20, VERSION_S) as ended):
         lines = (Path(scratch) / "printed.txt").read_text(errors="replace").split("\n") if ended.code == 0 else [""]
     if ended.code != 0 or not (line := lines[0].strip()):
         raise EngineBroken(f"{name}: its version command fails: {' '.join(command)}: {ended.words}; expected a line "

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.comparisons.measures.torque_jumps import SAMPLES, torque_table
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.truth import NO_TRUTH, Truth
+from stiction.comparisons.truth.truth import Columns
 from stiction.comparisons.truth_folder import is_truth_folder, read_truth
 from stiction.comparisons.variants import Record, Variant
 from stiction.engines import coherence
@@ -39,6 +41,8 @@ STILL = 1e-3
 """Part of the largest true slip speed below which a sample is at rest."""
 RESOLVED = 3
 """Samples within a stick phase, at least, for a table to show it: the first and the last may belong to its ends."""
+PHASE = ["guide", "begin [s]", "end [s]", "duration [s]", "samples", "verdict", "fastest slip [m/s]"]
+"""Columns of a stick phase."""
 FOUND, MISSED, UNRESOLVED, INVENTED = "found", "missed", "too short for the samples", "the truth slips"
 
 
@@ -77,9 +81,9 @@ class Judgement:
 
     @property
     def is_complete(self) -> bool:
-        """True where the table reaches the end of the scene, but for a step."""
-        t = self.trajectory.t
-        return bool(t[-1] + (t[-1] - t[-2]) * (1 + 1e-6) >= self.scene.t_end)
+        """True where the table goes from 0 to the end of the scene, but for a step."""
+        t, room = self.trajectory.t, 1 + 1e-6
+        return bool(t[0] <= room * (t[1] - t[0]) and t[-1] + room * (t[-1] - t[-2]) >= self.scene.t_end)
 
     @property
     def hints(self) -> dict[str, list[str]]:
@@ -95,7 +99,7 @@ class Judgement:
         table = self.tables["errors"]
         return bool(len(table) and table["is input"].any())
 
-    @property
+    @cached_property
     def presentation(self) -> Presentation:
         """The same in words, tables and figures."""
         from stiction.comparisons.judgement_in_words import presentation
@@ -133,10 +137,8 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
 
     Raises
     ------
-    SceneError
-        For a scene that cannot be used.
-    ResultError
-        For a table that cannot be a result of the scene.
+    InputError
+        For a scene that cannot be used, and for a table that cannot be a result of it.
     """
     truth = None
     if isinstance(scene, Scene):
@@ -161,6 +163,7 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
 def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
     """Judge a table by a truth of the scene."""
     table = _within(table, min(scene.t_end, truth.t_end))
+    truth = replace(truth, columns=_remembering(truth.columns))
     trajectory = trajectory_of(scene, table, truth)
     derived = _derived(scene, trajectory)
     full = replace(trajectory, columns={**derived, **trajectory.columns})
@@ -173,10 +176,23 @@ def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
         "errors": column_errors(table, trajectory, truth, scene) if known else pd.DataFrame(),
         "summary": pd.DataFrame([_summary(scene, table, replace(full, columns=full.columns | derived), truth)]),
         "stick-phases": pd.DataFrame([row for name in scene.frictional_guides if known
-                                      for row in _stick_phases(scene, full, truth, name)]),
+                                      for row in _stick_phases(scene, full, truth, name)], columns=PHASE),
         "jumps": pd.concat(jumps, ignore_index=True) if jumps else pd.DataFrame(),
         "findings": pd.DataFrame({"finding": list(_findings(scene, full, set(trajectory.columns)))}, dtype=object)}
     return Judgement(scene, table, truth, tables, full)
+
+
+def _remembering(columns: Columns) -> Columns:
+    """Keep what was found: that of our own run is integrated at each call, and every column asks for the same times."""
+    known: dict[tuple[bytes, str], dict[str, np.ndarray]] = {}
+
+    def found(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        key = t.tobytes(), side
+        if key not in known:
+            known[key] = columns(t, side)
+        return known[key]
+
+    return found
 
 
 def _within(table: ResultTable, t_end: float) -> ResultTable:
@@ -278,20 +294,22 @@ def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> I
     rests = mode == 0 if mode is not None else np.abs(speed) <= slow
     slips = true_speed > 2 * slow
     starts_at_rest = bool(truth(0.0).get(f"{guide}.mode", np.ones(1))[0] == 0)
-    own = [event for event in truth.events if event.joint == guide and event.time < full.t[-1]]
-    for begin, end in stick_intervals(own, 0.0, float(full.t[-1]), starts_at_rest):
+    own = [event for event in truth.events if event.joint == guide]
+    for begin, end in stick_intervals(own, 0.0, truth.t_end, starts_at_rest):
+        if begin < full.t[0] or end > full.t[-1]:  # cut
+            begin, end = max(begin, float(full.t[0])), min(end, float(full.t[-1]))
+            if np.count_nonzero((full.t >= begin) & (full.t <= end)) < RESOLVED:
+                continue
         inside = np.flatnonzero((full.t >= begin) & (full.t <= end))
         inner = inside[1:-1]
         verdict = UNRESOLVED if len(inside) < RESOLVED else FOUND if rests[inner].all() else MISSED
         fastest = float(np.max(np.abs(speed[inner]))) if speed is not None and len(inner) else None
-        yield {"guide": guide, "begin [s]": begin, "end [s]": end, "duration [s]": end - begin,
-               "samples": len(inside), "verdict": verdict, "fastest slip [m/s]": fastest}
+        yield dict(zip(PHASE, (guide, begin, end, end - begin, len(inside), verdict, fastest)))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rests & slips, [False]]).astype(int)))
     for first, behind in edges.reshape(-1, 2):
         if behind - first >= RESOLVED:
             begin, end = float(full.t[first]), float(full.t[behind - 1])
-            yield {"guide": guide, "begin [s]": begin, "end [s]": end, "duration [s]": end - begin,
-                   "samples": int(behind - first), "verdict": INVENTED}
+            yield dict(zip(PHASE, (guide, begin, end, end - begin, int(behind - first), INVENTED)))
 
 
 def _jumps(record: Record, full: Trajectory, truth: Truth, effort: str) -> pd.DataFrame:
@@ -299,7 +317,7 @@ def _jumps(record: Record, full: Trajectory, truth: Truth, effort: str) -> pd.Da
     table = torque_table([record], {record.key: truth}, effort)
     if "event time [s]" not in table:
         return pd.DataFrame()
-    table = table[table["event time [s]"] <= full.t[-1]]
+    table = table[table["event time [s]"].between(full.t[0], full.t[-1])]
     times = np.array([event.time for event in truth.events])
     room = [np.min(np.abs(times[times != time] - time), initial=truth.t_end) for time in table["event time [s]"]]
     return table.assign(readable=bool(full.events) | (np.array(room) > (SAMPLES + 1) * _step(full)))

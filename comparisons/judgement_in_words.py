@@ -14,6 +14,7 @@ from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Numbe
                                                TableView, TracedText, count, scaled_value, sentence, traced, value,
                                                view)
 from stiction.comparisons.truth import NO_TRUTH
+from stiction.scenes.wording import names
 
 if TYPE_CHECKING:
     from stiction.comparisons.judgement import Judgement
@@ -70,7 +71,8 @@ def _reading(judged: Judgement) -> Iterator[TracedText]:
     for cause, columns in judged.hints.items():
         yield TracedText(f"{', '.join(columns)}: {cause}" + "." * (not cause.endswith("?")))
     if not judged.is_complete:
-        yield traced("The table ends at {} s of {} s.", _of(judged, "ends at [s]"), _of(judged, "t_end [s]"))
+        yield traced("The table goes from {} s to {} s, the scene from 0 to {} s.", _of(judged, "begins at [s]"),
+                     _of(judged, "ends at [s]"), _of(judged, "t_end [s]"))
 
 
 def _of(judged: Judgement, column: str) -> Number | str:
@@ -82,10 +84,9 @@ def _of(judged: Judgement, column: str) -> Number | str:
 def _errors(judged: Judgement) -> Iterator[TracedText]:
     yield sentence("Largest velocity error: {} m/s.", _of(judged, "velocity error [m/s]"))
     yield sentence("Efforts of drives are off by {} N m in the mean.", _of(judged, TORQUE_ERROR))
-    yield sentence("Of its instants with two sides {} are true events, within {} s; {} are none. True events "
-                   "without one: {}.",
-                   *(_of(judged, column) for column in ("events matched", "event time error [s]", "events spurious",
-                                                        "events missed")))
+    yield sentence("Of its instants with two sides {} are true events and {} are none; {} true events are missing.",
+                   *(_of(judged, f"events {kind}") for kind in ("matched", "spurious", "missed")))
+    yield sentence("Times of events are off by at most {} s.", _of(judged, "event time error [s]"))
 
 
 def _stick_phases(judged: Judgement) -> Iterator[TracedText]:
@@ -149,8 +150,13 @@ def _not_judged(judged: Judgement) -> Iterator[TracedText]:
                "energy (positions, velocities, efforts, friction)": "energy error [J]" not in judged.tables["summary"]}
     if asked := [question for question, is_wanting in wanting.items() if is_wanting]:
         yield TracedText(f"Not judged, for want of columns: {'; '.join(asked)}.")
+    known = set(judged.tables["errors"].get("column", ()))
+    if judged.truth.tier != NO_TRUTH and (unknown := [
+            name for name in judged.table.columns if name not in known and not name.endswith(".mode")
+            and not name.startswith("drift.")]):
+        yield TracedText(f"The truth does not have {names(unknown)}.")
     if judged.table.left_out:
-        yield TracedText(f"Columns that are none of the scene's: {', '.join(judged.table.left_out)}.")
+        yield TracedText(f"Columns that are none of the scene's: {names(judged.table.left_out)}.")
 
 
 def _tables(judged: Judgement) -> Iterator[TableView]:
@@ -203,10 +209,10 @@ def _figures(judged: Judgement) -> Iterator[Chart]:
 
 def _differences(judged: Judgement) -> Iterator[Panel]:
     table, run = judged.tables["errors"], judged.trajectory
-    names = list(table[table["unit"] == "m"].nlargest(LINES, "error")["column"]) if len(table) else []
+    worst = list(table[table["unit"] == "m"].nlargest(LINES, "error")["column"]) if len(table) else []
     exact = judged.truth(run.t)
     series = []
-    for name in names:
+    for name in worst:
         off = np.abs(run[name] - exact[name])
         parts = np.array_split(np.arange(len(off)), min(DRAWN, len(off)))
         top = np.array([part[np.argmax(off[part])] for part in parts])

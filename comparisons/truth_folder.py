@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -72,7 +73,7 @@ def write_truth(scene: Scene, truth: Truth, folder: Path) -> dict[str, Any]:
 
 def is_truth_folder(name: str | Path) -> bool:
     """Return True for a folder that is not the name of a scene of the catalogue."""
-    return Path(name).is_dir() and str(name) not in (*catalogue(), *catalogue("hard"))
+    return os.path.isdir(name) and str(name) not in (*catalogue(), *catalogue("hard"))
 
 
 def read_truth(folder: Path) -> tuple[Scene, Truth]:

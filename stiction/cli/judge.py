@@ -32,7 +32,7 @@ def judge(scene: Annotated[str, typer.Argument(
               "with mm velocities are mm/s and moments N mm.")] = "",
           max_error: Annotated[float | None, typer.Option(
               "--max-error", metavar="M", parser=positive, help="Exit with 3 where a position is off by more metres "
-              "(an angle: times the mechanism's size), or RESULT ends early.")] = None,
+              "(an angle: times the mechanism's size), or RESULT begins late or ends early.")] = None,
           t_end: EndTime = None, overrides: Overrides = [],
           out: Annotated[Path | None, typer.Option(
               metavar="FOLDER", help="Write a page, a figure and the tables: new, empty, or of an earlier call.")
@@ -102,8 +102,9 @@ def _end(judged: Judgement, max_error: float | None) -> None:
         raise ended(BAD_INPUT, f"--max-error: found {max_error:g} m; expected more than the uncertainty of the truth, "
                                f"{judged.uncertainty:.2g} m")
     if not judged.is_complete:
-        raise ended(REGRESSED, f"{judged.table.origin}: ends at {judged.trajectory.t[-1]:g} s; expected "
-                               f"{judged.scene.t_end:g} s (--t-end says otherwise)")
+        raise ended(REGRESSED, f"{judged.table.origin}: found times from {judged.trajectory.t[0]:g} to "
+                               f"{judged.trajectory.t[-1]:g} s; expected 0 to {judged.scene.t_end:g} s (--t-end says "
+                               "otherwise)")
     if judged.error > max_error:
         raise ended(REGRESSED, f"{judged.table.origin}: position error {judged.error:.3g} m; expected at most "
                                f"{max_error:g} m")

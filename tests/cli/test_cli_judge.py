@@ -38,7 +38,7 @@ def test_a_right_table(judge):
     (lambda frame: frame.assign(**{"slider.x": frame["slider.x"] + 1e-3 * frame["t"]}), [], 0),
     (lambda frame: frame.assign(**{"slider.x": frame["slider.x"] + 1e-3 * frame["t"]}), ["--max-error", "1e-4"], 3),
     (lambda frame: frame.assign(**{"bar.angle": frame["bar.angle"] + 1e-3 * frame["t"]})[["t", "bar.angle"]], ["--max-error", "1e-4"], 3),
-    (lambda frame: frame[frame["t"] < 20], ["--max-error", "1"], 3),
+    (lambda frame: frame[frame["t"] < 20], ["--max-error", "1"], 3), (lambda frame: frame[frame["t"] > 20], ["--max-error", "1"], 3),
     (lambda frame: frame[frame["t"] < 20], ["--max-error", "1", "--t-end", "20"], 0),
     (lambda frame: 1e3 * frame[["t", "slider.x"]], ["--units", "mm,ms"], 0),
     (lambda frame: 1e3 * frame[["t", "slider.x"]], ["--units", "ms"], 2),

@@ -138,6 +138,15 @@ class TestWrong:
         judged = judge(CASE, only(off, *POSITIONS))
         assert judged.tables["summary"].at[0, "position drift, max [m]"] == pytest.approx(0.024 * np.sqrt(2), rel=0.01)
 
+    def test_what_a_table_does_not_cover_is_not_counted(self, compiled, frame):
+        late = judge(CASE, frame[frame["t"] >= 19])
+        assert not late.is_complete and verdicts(late) == [FOUND]
+        assert late.tables["jumps"]["event time [s]"].min() >= 19 and late.tables["jumps"]["resolved"].all()
+
+    def test_two_rows_are_a_table(self, compiled, frame):
+        judged = judge(CASE, frame[:2])
+        assert judged.error < 1e-12 and not judged.is_complete and not verdicts(judged)
+
     def test_half_a_table_is_not_complete(self, compiled, frame):
         half = frame[frame["t"] <= 12]
         assert not judge(CASE, half).is_complete

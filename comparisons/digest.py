@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import inspect
 import json
 import pickle
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 from stiction.comparisons.environment import machine, source_digest, versions
@@ -42,18 +40,17 @@ def scene_digest(scene: Scene) -> str:
 
 
 def circumstances(engines: Iterable[str]) -> list[Any]:
-    """Return what numbers depend on besides the run: code, versions, machine, engines (names or ``module:Class``)."""
-    return [source_digest(), versions(), machine(), [_engine(name) for name in engines]]
+    """Return what numbers depend on besides the run: code, versions, machine, engines by their names."""
+    return [source_digest(), versions(), machine(), [engine_identity(name) for name in engines]]
 
 
-def _engine(name: str) -> list[str]:
-    """Name, version and digest of the module of an engine: its author may change it without a new version."""
+def engine_identity(name: str) -> list[str]:
+    """Return name, version and digest of an engine: its author may change its module or program at the same version."""
     try:
         engine = load_engine(name)
     except EngineMissing as error:
         return [name, str(error)]
-    module = Path(inspect.getfile(type(engine)))
-    return [name, engine.version, hashlib.sha256(module.read_bytes()).hexdigest()]
+    return [name, engine.version, hashlib.sha256(engine.content()).hexdigest()]
 
 
 def _plain(value: Any) -> Any:

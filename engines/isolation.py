@@ -30,7 +30,7 @@ from typing import Any
 
 from stiction.child_processes import child_context, one_thread, undisturbed_end
 from stiction.engines.protocol import Refused
-from stiction.engines.registry import EngineMissing, load_engine
+from stiction.engines.registry import EngineMissing, absolute_name, load_engine
 from stiction.scenes import Scene, StictionError, Trajectory
 
 STATUSES = ("ok", "refused", "failed", "timed out", "crashed", "missing")
@@ -109,7 +109,7 @@ def run_isolated(jobs: Sequence[Job], *, workers: int | None = None, timeout_s: 
 
 def simulation(job: Job) -> Task:
     """The task that makes a job's trajectory, to be isolated together with others."""
-    return Task(job.label, _simulate, (job.engine, job.scene, dict(job.arguments)))
+    return Task(job.label, _simulate, (absolute_name(job.engine), job.scene, dict(job.arguments)))
 
 
 def is_simulation(task: Task) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import sys
 import time
@@ -10,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from importlib.metadata import requires, version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiction.engines.examined import Examined
@@ -229,6 +231,10 @@ class Engine(ABC):
         2000, SIAM Review 42, 3-39).
         """
         return False
+
+    def content(self) -> bytes:
+        """Return what numbers depend on besides name and version: the code of the adapter's module."""
+        return Path(inspect.getfile(type(self))).read_bytes()
 
     def prepare(self) -> None:  # noqa: B027 - most have nothing to do
         """Compile what the engine keeps on disk; called before any run has a time limit. Nothing to do for most."""

@@ -1,4 +1,7 @@
-"""Engines by name: those of the suite, those that other packages announce, and any class by its address."""
+"""Engines by name: those of the suite, those that other packages announce, any class by its address, any program.
+
+A program is named by the path of its declaration, which ends in ``.toml``. Nothing but such a name runs a program.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import entry_points
+from pathlib import Path
 from types import ModuleType
 
 from stiction.engines.protocol import OBLIGATORY, Capabilities, Engine, required
@@ -31,6 +35,8 @@ _PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mu
              "dart": "dartpy"}
 """Of the suite's engines that are not its own, as pip knows them."""
 _OWN_PACKAGE = "stiction"
+PROGRAM = ".toml"
+"""Ending of the names of engines that are programs, `stiction.engines.program`."""
 
 
 class UnknownEngine(InputError):
@@ -63,6 +69,21 @@ def engine_names() -> list[str]:
     return [*BUILT_IN, *sorted(_announced(tuple(sys.path)).keys() - BUILT_IN.keys())]
 
 
+def absolute_name(name: str) -> str:
+    """Return the name of an engine as processes in other folders know it: of a program the absolute path."""
+    return str(Path(name).resolve()) if name.endswith(PROGRAM) else name
+
+
+def label_of(name: str) -> str:
+    """Return the name of an engine for tables and legends: of a program the one that it declares, if it is there."""
+    if not name.endswith(PROGRAM):
+        return name
+    try:
+        return load_engine(name).name
+    except (EngineMissing, UnknownEngine):
+        return Path(name).stem
+
+
 @lru_cache(maxsize=1)
 def _announced(path: tuple[str, ...]) -> Mapping[str, str]:
     """Addresses by name of the engines that packages announce which are found on `path`.
@@ -80,17 +101,25 @@ def load_engine(name: str) -> Engine:
     name
         One of `engine_names()`, or ``"module:Class"``. The class derives from `Engine` and takes no
         arguments. Other packages announce theirs in the entry point group ``stiction.engines``;
-        the suite's own names come first.
+        the suite's own names come first. Or the path of the declaration of a program, ``"mysolver.toml"``.
 
     Raises
     ------
     UnknownEngine
         If nothing has this name, or what has it is not an `Engine`, or lacks something that is `OBLIGATORY`.
+    InputError
+        If the declaration of a program cannot be used; it lists all problems.
     EngineMissing
         If the engine's package is not installed, too old, broken or cannot be imported; the message says what to
         install. Of an engine that another package announces whatever its adapter raises is one, so that the other
         engines go on.
     """
+    if name.endswith(PROGRAM):
+        from stiction.engines.program.engine import ProgramEngine  # most runs have none
+
+        if not Path(name).is_file():
+            raise UnknownEngine(f"engine: found no file {name!r}; expected the declaration of a program")
+        return ProgramEngine(Path(name).resolve())
     if name not in BUILT_IN and name not in _announced(tuple(sys.path)):
         _announced.cache_clear()  # its package may have been installed since
     others = _announced(tuple(sys.path))
@@ -99,7 +128,8 @@ def load_engine(name: str) -> Engine:
     module, _, attribute = address.partition(":")
     if not module or not attribute:
         close = difflib.get_close_matches(name, addresses, n=1)
-        raise UnknownEngine(f"engine: found {name!r}; expected {', '.join(engine_names())} or 'module:Class'"
+        raise UnknownEngine(f"engine: found {name!r}; expected {', '.join(engine_names())}, 'module:Class' or "
+                            "a program's FILE.toml"
                             + (f" (did you mean {close[0]!r}?)" if close else ""))
     try:
         return _made(name, module, attribute)

@@ -136,6 +136,23 @@ def _problems(detail: Mapping[str, Any]) -> Iterator[Problem]:
         yield Problem(key, found_in(detail), expectation(detail))
 
 
+def problems_in_tables(error: ValidationError, top: type[BaseModel],
+                       tables: Mapping[str, type[BaseModel]]) -> Iterator[Problem]:
+    """Yield the problems of a validated file other than a scene: `top` has its keys, `tables` those of its tables."""
+    for detail in error.errors(include_url=False):
+        location, found = detail["loc"], shown(detail["input"])
+        key = shortened(".".join(str(part) for part in location if part != "[key]"))
+        if detail["type"] == "inconsistent":
+            for field, wrong, expected in detail["ctx"]["found"]:
+                yield Problem(f"{key}.{field}".lstrip("."), shown(wrong), expected)
+        elif detail["type"] == "extra_forbidden":
+            known = (tables.get(location[0], top) if len(location) > 1 else top).model_fields
+            hint = did_you_mean(location[-1], known) or f"; expected one of: {names(known)}"
+            yield Problem(key, found, f"unknown key{hint}")
+        else:
+            yield Problem(key, found_in(detail), expectation(detail))
+
+
 def found_in(detail: Mapping[str, Any]) -> str:
     """Word the value at which pydantic found an error."""
     return "nothing" if detail["type"] == "missing" else shown(detail["input"])

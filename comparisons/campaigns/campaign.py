@@ -11,7 +11,7 @@
     total = 3600                                    # seconds after which no run is begun
 
     [variants."reference, tight"]                   # an engine with fixed settings over steps or tolerances
-    engine = "reference"                            # a name or module:Class
+    engine = "reference"                            # a name, module:Class or, relative to this file, a program's .toml
     fidelity = "joint"                              # or "contact"
     rtol = [1e-6, 1e-9]                             # or dt = [1e-2, 1e-3]: seconds; from coarse to fine
     settings = { stabilization = "projection" }     # of the engine
@@ -41,12 +41,12 @@ from pydantic_core import PydanticCustomError
 from stiction.comparisons.campaigns.measurement import KINDS, PlannedRun
 from stiction.comparisons.depth import Depth, Extent
 from stiction.comparisons.variants import PARAMETERS, Variant
-from stiction.engines.registry import EngineMissing, engine_names, load_engine
-from stiction.scenes import FileError, Problem, Scene, SceneError, catalogue, load_scene
-from stiction.scenes.errors import expectation, found_in
+from stiction.engines.registry import PROGRAM, EngineMissing, absolute_name, engine_names, label_of, load_engine
+from stiction.scenes import FileError, Scene, SceneError, catalogue, load_scene
+from stiction.scenes.errors import problems_in_tables
 from stiction.scenes.fields import Model, Positive
 from stiction.scenes.loading import read_toml
-from stiction.scenes.wording import did_you_mean, names, shortened, shown
+from stiction.scenes.wording import did_you_mean, names
 
 CAMPAIGNS = Path(str(resources.files("stiction.comparisons") / "campaigns"))
 DEFAULT = CAMPAIGNS / "nightly.toml"
@@ -98,9 +98,13 @@ class _Variant(_Steps):
     effects: dict[str, dict[str, Any]] = {}
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
-        if ":" not in self.engine and self.engine not in (known := engine_names()):
+        if self.engine.endswith(PROGRAM):
+            if not Path(self.engine).is_file():
+                yield "engine", Path(self.engine).name, ("expected the declaration of a program, relative to this "
+                                                         "file")
+        elif ":" not in self.engine and self.engine not in (known := engine_names()):
             hint = did_you_mean(self.engine, known)
-            yield "engine", self.engine, f"expected {', '.join(known)} or module:Class{hint}"
+            yield "engine", self.engine, f"expected {', '.join(known)}, module:Class or a program's FILE.toml{hint}"
         yield from super().inconsistencies()
 
 
@@ -157,7 +161,13 @@ def _load_scenes(given: Any) -> Any:
 
 def _as_variants(tables: dict[str, _Variant]) -> tuple[Variant, ...]:
     return tuple(table.variant(label, engine=table.engine, fidelity=table.fidelity, settings=table.settings,
-                               effects=table.effects) for label, table in tables.items())
+                               effects=table.effects, stands_for=_portable(table.engine))
+                 for label, table in tables.items())
+
+
+def _portable(engine: str) -> str:
+    """The name of a program for baselines, which hold on any machine; empty for engines that have one anyway."""
+    return label_of(engine) if engine.endswith(PROGRAM) else ""
 
 
 _Label = Annotated[str, Field(pattern=r"^[^/|\n]+$")]
@@ -236,6 +246,7 @@ class Campaign(Model):
         UnknownEngine, EngineMissing
             See `stiction.engines.load_engine`.
         """
+        name = absolute_name(name)
         engine = load_engine(name)  # unlike one of many in a campaign, one that is requested alone must be there
         own = (tuple(variant for variant in self.variants if variant.engine == name)
                or tuple(replace(variant, engine=name, stands_for=variant.engine) for variant in self.variants
@@ -252,13 +263,16 @@ class Campaign(Model):
         try:
             capabilities = load_engine(name).capabilities
         except EngineMissing:  # the row of its run will say so
-            return (others.dt.variant(name, engine=name),)
-        steps = others.rtol if capabilities.adaptive else others.dt
-        return tuple(steps.variant(name if fidelity == "joint" else f"{name}, {fidelity}", engine=name,
-                                   fidelity=fidelity) for fidelity in capabilities.fidelities)
+            return (others.dt.variant(label_of(name), engine=name, stands_for=_portable(name)),)
+        steps, label = others.rtol if capabilities.adaptive else others.dt, label_of(name)
+        return tuple(steps.variant(label if fidelity == "joint" else f"{label}, {fidelity}", engine=name,
+                                   fidelity=fidelity, stands_for=_portable(name))
+                     for fidelity in capabilities.fidelities)
 
 
 def _is_derived(engine: Any, name: str) -> bool:
+    if name.endswith(PROGRAM):
+        return False  # all programs have one class
     try:
         return isinstance(engine, type(load_engine(name)))
     except EngineMissing:
@@ -291,31 +305,29 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
         elif isinstance(given := tables.get("scenes"), list):  # files lie in the folder of the campaign
             tables["scenes"] = [str(path.parent / name) if isinstance(name, str) and name not in catalogue() else name
                                 for name in given]
-        campaign = Campaign.model_validate(tables)
+        campaign = Campaign.model_validate(_with_programs(tables, path.parent))
     except SceneError as error:
         raise CampaignError(str(path), error.problems) from None
     except ValidationError as error:
-        problems = list(_problems_of(error))
+        problems = list(problems_in_tables(error, Campaign, _TABLES))
         of_scenes = scenes and all(problem.key.startswith("scenes.") for problem in problems)
         raise CampaignError(", ".join(scenes) if of_scenes else str(path), problems) from None
     campaign._name = path.stem
     return campaign
 
 
+def _with_programs(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Tables with absolute paths of the programs among the engines of variants, which are relative to a folder."""
+    if not isinstance(variants := tables.get("variants"), dict):
+        return tables
+
+    def placed(variant: Any) -> Any:
+        name = variant.get("engine") if isinstance(variant, dict) else None
+        program = isinstance(name, str) and name.endswith(PROGRAM)
+        return {**variant, "engine": absolute_name(str(folder / name))} if program else variant
+
+    return {**tables, "variants": {label: placed(variant) for label, variant in variants.items()}}
+
+
 _TABLES: dict[str, type[Model]] = {"variants": _Variant, "others": _Steps, "budget": _Budget, "check": _Check,
                                    "depths": Extent}
-
-
-def _problems_of(error: ValidationError) -> Iterator[Problem]:
-    for detail in error.errors(include_url=False):
-        location, found = detail["loc"], shown(detail["input"])
-        key = shortened(".".join(str(part) for part in location if part != "[key]"))
-        if detail["type"] == "inconsistent":
-            for field, wrong, expected in detail["ctx"]["found"]:
-                yield Problem(f"{key}.{field}".lstrip("."), shown(wrong), expected)
-        elif detail["type"] == "extra_forbidden":
-            known = (_TABLES.get(str(location[0]), Campaign) if len(location) > 1 else Campaign).model_fields
-            hint = did_you_mean(str(location[-1]), known) or f"; expected one of: {names(known)}"
-            yield Problem(key, found, f"unknown key{hint}")
-        else:
-            yield Problem(key, found_in(detail), expectation(detail))

@@ -14,7 +14,7 @@ from functools import cache
 from stiction.comparisons.campaigns.campaign import CAMPAIGNS, Campaign, load_campaign
 from stiction.comparisons.depth import Depth, Extent, down_to
 from stiction.comparisons.variants import Variant
-from stiction.engines.registry import engine_names
+from stiction.engines.registry import absolute_name, engine_names
 
 REFERENCE = "reference"
 
@@ -28,7 +28,7 @@ def validation_campaign() -> Campaign:
 def participants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
     """Return all variants of the reference and of these engines, all known ones where None; those of the file first."""
     campaign = validation_campaign()
-    chosen = dict.fromkeys([REFERENCE, *(engine_names() if engines is None else engines)])
+    chosen = dict.fromkeys([REFERENCE, *(engine_names() if engines is None else map(absolute_name, engines))])
     known = {variant.engine for variant in campaign.variants}
     return (*(variant for variant in campaign.variants if variant.engine in chosen),
             *(variant for name in chosen if name not in known for variant in campaign.variants_of(name)))

@@ -23,7 +23,7 @@ import pyarrow as pa
 from stiction.comparisons.atomic_files import make_folder, whole_file, write_text
 from stiction.comparisons.campaigns.checkpoint import kept_runs
 from stiction.comparisons.campaigns.comparison import TIME_LIMIT, prepare
-from stiction.comparisons.digest import digest
+from stiction.comparisons.digest import digest, engine_identity
 from stiction.comparisons.environment import source_digest, versions
 from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled, common_period
 from stiction.comparisons.studies.steady_state_measures import (CONTRACTION, MEASURES, REPEATS, Measure, SteadyRun,
@@ -202,7 +202,8 @@ class Specification:
                 "axes": {axis.key: list(axis.values) for axis in self.axes},
                 "measures": list(self.measures),
                 "settings": {**asdict(self.run), "timeout": self.timeout_s},
-                "versions": {**versions(), self.run.engine: load_engine(self.run.engine).version}}
+                "versions": {**versions(), self.run.engine: load_engine(self.run.engine).version},
+                "engine": engine_identity(self.run.engine)}
 
     @cached_property
     def digest(self) -> str:

@@ -16,6 +16,7 @@ each round has the load by others. No time is corrected by either: they show how
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -131,10 +132,20 @@ def block(call: Callable[[], T],
 
 
 def seconds_of(call: Callable[[], T]) -> tuple[T, float]:
-    """Result of a call and its CPU seconds."""
-    started = process_time()
+    """Result of a call and its CPU seconds, with those of programs that it ran and waited for."""
+    started = _cpu_s()
     result = call()
-    return result, process_time() - started
+    return result, _cpu_s() - started
+
+
+def _cpu_s() -> float:
+    """CPU seconds of this process and of the processes that it has waited for."""
+    if sys.platform == "win32":  # which runs no programs as engines
+        return process_time()
+    from resource import RUSAGE_CHILDREN, getrusage
+
+    children = getrusage(RUSAGE_CHILDREN)
+    return process_time() + children.ru_utime + children.ru_stime
 
 
 def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], seconds: Callable[[S], float],

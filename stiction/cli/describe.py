@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stiction.cli.options import Overrides, SceneName, check_written, scene_of
+from stiction.cli.exit_codes import FAILED, ended
+from stiction.cli.options import Overrides, SceneName, Timeout, check_written, scene_of
 from stiction.cli.render import EVENTS_SHOWN, show
 
 if TYPE_CHECKING:
@@ -39,9 +40,15 @@ def list_scenes(folder: Annotated[str, typer.Argument(
 
 @commands.command("engines")
 def list_engines(name: Annotated[str | None, typer.Argument(
-        metavar="[NAME]", help="One of them, or module:Class: its settings, their defaults and what they mean."
-        )] = None) -> None:
+        metavar="[NAME]", help="One of them, module:Class or a program's FILE.toml: its settings, their defaults and "
+        "what they mean.")] = None,
+                 try_it: Annotated[bool, typer.Option(
+        "--try", help="Try a program on four scenes, from a free body to the slider-bar, and say what is wrong in the "
+        "first that is.")] = False, timeout: Timeout = 120) -> None:
     """List the engines: version or why it is missing, fidelities, friction law and who supplies it."""
+    if try_it:
+        _try(name, timeout)
+        return
     if name is not None:
         _describe(name)
         return
@@ -90,7 +97,8 @@ def explain(scene: SceneName, overrides: Overrides = []) -> None:
 @commands.command()
 def export(scene: SceneName, overrides: Overrides = [],
            to: Annotated[str, typer.Option(
-               "--to", metavar="FORMAT", help="mjcf (MuJoCo), urdf, or exudyn (a Python script).")] = "mjcf",
+               "--to", metavar="FORMAT", help="mjcf (MuJoCo), urdf, exudyn (a Python script), or resolved (JSON for "
+               "programs: numbers evaluated, every key there; see `stiction schema --resolved`).")] = "mjcf",
            fidelity: Annotated[str, typer.Option(
                metavar="joint|contact", help="Bilateral joints, or (mjcf) a box between surfaces.")] = "joint",
            out: Annotated[Path | None, typer.Option(
@@ -102,10 +110,11 @@ def export(scene: SceneName, overrides: Overrides = [],
     from stiction.engines.protocol import FIDELITIES
     from stiction.engines.pybullet.urdf import urdf
     from stiction.engines.shared.fixed_step import DEFAULT_STEP
+    from stiction.scenes.resolved import resolved_text
 
     named = shlex.join([scene, *(part for text in overrides for part in ("--set", text))])
     writers = {"mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP, fidelity), "urdf": urdf,
-               "exudyn": lambda loaded: scene_as_script(loaded, named)}
+               "exudyn": lambda loaded: scene_as_script(loaded, named), "resolved": resolved_text}
     if to not in writers:
         raise typer.BadParameter(f"found {to!r}; expected {', '.join(writers)}", param_hint="--to")
     if fidelity not in (can := FIDELITIES if to == "mjcf" else ("joint",)):
@@ -119,6 +128,18 @@ def export(scene: SceneName, overrides: Overrides = [],
     else:
         write_text(out, text)
         print(out)
+
+
+def _try(name: str | None, timeout: float) -> None:
+    from stiction.comparisons.conformance import conformance
+    from stiction.engines.registry import PROGRAM, absolute_name
+
+    if name is None or not name.endswith(PROGRAM):
+        raise typer.BadParameter(f"found {name or 'nothing'}; expected a program's FILE.toml", param_hint="NAME")
+    for trial in conformance(absolute_name(name), timeout):
+        print(f"{trial.scene}: {trial.verdict}: " + "\n  ".join(trial.words))
+    if trial.verdict not in ("right", "refused"):
+        raise ended(FAILED, f"{name}: {trial.scene}: {trial.verdict}")
 
 
 def _describe(name: str) -> None:

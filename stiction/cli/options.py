@@ -59,14 +59,28 @@ def listed(given: Sequence[str]) -> list[str]:
 def _engines(given: list[str]) -> list[str]:
     """Each is an engine, installed or not; rows of those that are not will say so."""
     from stiction.engines import EngineMissing, load_engine
+    from stiction.engines.registry import absolute_name, label_of
 
-    names = listed(given)
+    names = list(map(absolute_name, listed(given)))
+    labels: dict[str, str] = {}
     for name in names:
         try:
             load_engine(name)
         except EngineMissing:
             pass
+        if (other := labels.setdefault(label_of(name), name)) != name:
+            raise typer.BadParameter(f"found {other!r} and {name!r}, both named {label_of(name)}; expected programs "
+                                     "with names of their own")
     return names
+
+
+def _engine(name: str | None) -> str | None:
+    """The name of an engine as child processes know it."""
+    if name is None or not name.endswith(".toml"):
+        return name  # without the import
+    from stiction.engines.registry import absolute_name
+
+    return absolute_name(name)
 
 
 def settings_of(given: Sequence[str]) -> dict[str, Any]:
@@ -149,12 +163,14 @@ Overrides = Annotated[list[str], typer.Option(
 Settings = Annotated[list[str], typer.Option(
     "--setting", metavar="KEY=VALUE",
     help="A setting of the engine, e.g. stabilization=projection. Repeatable.")]
-EngineName = Annotated[str, typer.Option("--engine", metavar="NAME", help="See `stiction engines`; or module:Class.")]
+EngineName = Annotated[str, typer.Option(
+    "--engine", metavar="NAME", callback=_engine, help="See `stiction engines`; or module:Class, or a program's "
+    "FILE.toml.")]
 Fidelity = Annotated[str, typer.Option(
     "--fidelity", metavar="joint|contact", help="Bilateral joints, or a box between surfaces.")]
 Engines = Annotated[list[str], typer.Option(
     "--engines", metavar="A,B,..", callback=_engines,
-    help="Engines to compare with the reference; all known ones if not given. Names or module:Class.")]
+    help="Engines to compare with the reference; all known ones if not given. Names, module:Class or FILE.toml.")]
 Workers = Annotated[int | None, typer.Option(
     metavar="N", parser=count, help="Child processes at a time; the number of CPUs if not given.")]
 ExecutorName = Annotated[str, typer.Option(
@@ -178,7 +194,7 @@ BaselineFile = Annotated[str | None, typer.Option(
     "--baseline", metavar="REF", help="A file, a commit (its version of the suite's own baseline), or COMMIT:PATH; "
     "the suite's own if not given.")]
 OneEngine = Annotated[str | None, typer.Option(
-    "--engine", metavar="NAME", help="This engine alone: a name or module:Class. One derived from an engine of the "
-    "campaign takes its place.")]
+    "--engine", metavar="NAME", callback=_engine, help="This engine alone: a name, module:Class or a program's "
+    "FILE.toml. A class derived from an engine of the campaign takes its place.")]
 OtherScenes = Annotated[list[str], typer.Option(
     "--scenes", metavar="A,B,..", help="Scenes of the catalogue or TOML files in place of the campaign's.")]

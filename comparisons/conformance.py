@@ -1,0 +1,161 @@
+"""Conformance of a program: four scenes from simple to the slider-bar, and in words what is wrong in the first.
+
+A wrong sign or unit is off by as much as the motion is large, a method of first order with a thousand steps by a
+thousandth of it: `LIMIT` lies between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from stiction.comparisons.judgement import Judgement, judged
+from stiction.comparisons.measures.accuracy import size_of
+from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.comparisons.variants import physics_of
+from stiction.engines.isolation import Outcome, Task, isolate
+from stiction.engines.program.engine import ProgramEngine
+from stiction.engines.protocol import Refused
+from stiction.engines.registry import load_engine
+from stiction.scenes import InputError, Scene, load_scene, scene_from_dict, vary
+
+LIMIT = 0.02
+"""Largest error of a position, or of a velocity, as a part of the column's size or of the mechanism's."""
+STEP, TOLERANCE, OUTPUT_STEP = 1e-3, 1e-8, 0.01
+"""Seconds, relative, seconds."""
+_FREE = {"t_end": 1, "gravity": [0.5, -9.81],
+         "bodies": {"stone": {"mass": 2, "inertia": 0.3, "position": [1, 2], "angle": 0.5, "velocity": [3, 1],
+                              "angular_velocity": 2}}}
+_PENDULUM = {"t_end": 1, "gravity": [0, -9.81],
+             "bodies": {"bar": {"mass": 2, "inertia": 0.2, "position": [0.3, -0.4], "angle": 0.4}},
+             "joints": {"pin": {"type": "revolute", "bodies": ["bar", "ground"],
+                                "points": [["-0.3*cos(0.4) + 0.4*sin(0.4)", "0.3*sin(0.4) + 0.4*cos(0.4)"], [0, 0]]}}}
+
+
+ADDED: Mapping[str, str] = {
+    "free-body": "the start, weight, and the table itself",
+    "pendulum-on-a-pin": "a pin: points[0] is in the axes of bodies[0], from its centre of mass, and turns with "
+                         "its angle",
+    "block-on-incline": "a guide with friction, whose load is the sum of the corner forces, max(|R|, 2 |N| / length)",
+    "slider-bar-case-1": "a drive and a load that follow laws of time, a spring, a slider that sticks and slips, and "
+                         "friction with a lever (width)"}
+"""New in a scene, and so the first suspect."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Result of one scene.
+
+    Attributes
+    ----------
+    scene : str
+    verdict : str
+        ``"right"``, ``"wrong"``, ``"refused"``, or the status of an outcome that has no result (`Outcome`).
+    words : tuple of str
+        What there is to say of it, a sentence each.
+    """
+
+    scene: str
+    verdict: str
+    words: tuple[str, ...]
+
+
+def conformance_scenes() -> list[Scene]:
+    """Return the scenes: a free body, a pendulum on a pin, a block on an incline, the slider-bar."""
+    return [scene_from_dict(_FREE, name="free-body"), scene_from_dict(_PENDULUM, name="pendulum-on-a-pin"),
+            vary(load_scene("block-on-incline"), {"t_end": 1}), vary(load_scene("slider-bar-case-1"), {"t_end": 3})]
+
+
+def conformance(engine: str, timeout_s: float) -> Iterator[Trial]:
+    """Yield a trial of each scene up to the first that is wrong; a refusal is none.
+
+    Parameters
+    ----------
+    engine
+        Path of the declaration of a program.
+    timeout_s
+        Seconds for each scene.
+
+    Raises
+    ------
+    InputError
+        For an engine that is no program.
+    """
+    if not isinstance(load_engine(engine), ProgramEngine):
+        raise InputError(f"engine: found {engine!r}; expected the declaration of a program, FILE.toml")
+    for scene in conformance_scenes():
+        [outcome] = isolate([Task(scene.name, _attempt, (engine, scene))], workers=1, timeout_s=timeout_s)
+        trial = _trial(scene.name, outcome)
+        yield trial
+        if trial.verdict not in ("right", "refused"):
+            return
+
+
+def _trial(name: str, outcome: Outcome) -> Trial:
+    if outcome.status != "ok":
+        return Trial(name, outcome.status, (outcome.reason,))
+    faults, error = outcome.value
+    return Trial(name, "wrong", tuple(faults)) if faults else Trial(name, "right", (f"position error {error:.2g} m",))
+
+
+def _attempt(name: str, scene: Scene) -> tuple[list[str], float | None]:
+    """Faults of the result of a scene, and its position error, m; in the child."""
+    engine = load_engine(name)
+    fidelity = engine.capabilities.fidelities[0]
+    scene = physics_of(scene, engine.capabilities.static_coefficient[fidelity])
+    step: dict[str, Any] = {"rtol": TOLERANCE} if engine.capabilities.adaptive else {"dt": STEP}
+    if reason := engine.refusal(scene, fidelity):
+        raise Refused(reason)
+    # as the program has written it: what no comparison would take says most about mistakes
+    made = engine.product(scene, scene.t_end, step.get("dt"), step.get("rtol"), OUTPUT_STEP, {})
+    found = judged(scene, made.table, ground_truth(scene))
+    if faults := list(_faults(found)):
+        return faults, None
+    engine.simulate(scene, fidelity=fidelity, output_step=OUTPUT_STEP, **step)  # raises what the gate has against it
+    return [], found.error
+
+
+def _faults(found: Judgement) -> Iterator[str]:
+    """What is wrong in words: the time grid, then the columns that are wrong by cause, then what does not fit."""
+    t, scene = found.table.t, found.scene
+    if abs(t[0]) > 1e-9 * scene.t_end:
+        yield f"time grid: begins at {t[0]:g} s; expected 0"
+    if not found.is_complete:
+        yield f"time grid: ends at {t[-1]:g} s; expected {scene.t_end:g} s"
+    rows = found.tables["errors"]
+    continuous = rows[rows["measure"] == "largest"]
+    wrong = continuous[continuous["error"] > LIMIT * np.maximum(continuous["size"], size_of(scene))]
+    causes: dict[str, list[str]] = {}
+    for row in wrong.to_dict("records"):
+        causes.setdefault(_exchanged(found, row["column"]) or row["hint"], []).append(row["column"])
+    if "" in causes:  # then what seems to explain some of the columns is chance
+        columns = list(wrong["column"])
+        yield (f"{', '.join(columns)}: wrong from t = {_begin(found, columns):.3g} s on; no unit, sign or order of "
+               "columns explains it")
+        yield f"new in this scene: {ADDED[scene.name]}"
+    else:
+        yield from (f"{', '.join(columns)}: {cause}" for cause, columns in causes.items())
+    if len(wrong):
+        yield from (f"its columns do not fit: {finding}" for finding in found.tables["findings"]["finding"])
+
+
+def _begin(found: Judgement, columns: Sequence[str]) -> float:
+    """Time at which one of the columns is wrong for the first time, s."""
+    true = found.truth(found.table.t)
+    wrong = [np.abs(found.table[name] - true[name]) > LIMIT * max(np.max(np.abs(true[name])), size_of(found.scene))
+             for name in columns]
+    return float(found.table.t[np.argmax(np.any(wrong, axis=0))])
+
+
+def _exchanged(found: Judgement, column: str) -> str:
+    """Say whose values a column has, if it has those of another one."""
+    values, true = found.table[column], found.truth(found.table.t)
+    unit = found.tables["errors"].set_index("column")["unit"]
+    for other in unit.index[unit == unit[column]]:
+        reach = float(np.ptp(true[other]))
+        if other != column and reach > 0 and np.max(np.abs(values - true[other])) <= LIMIT * reach:
+            return f"has the values of {other}: order of bodies, points or columns?"
+    return ""

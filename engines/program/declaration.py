@@ -1,0 +1,116 @@
+"""Declaration of a program that takes part as an engine, in a TOML file validated like a scene.
+
+    name = "mine"
+    command = ["./mine", "{scene}", "{result}", "{dt}", "{output_step}", "{settings}"]
+    version = ["./mine", "--version"]               # its first line of output is the version
+    folder = "."                                    # where both run; relative to this file, as programs with a / are
+    result = "csv"                                  # or "parquet"
+    largest_file = 1024                             # MiB that a file of the program may have, what it prints included
+
+    [capabilities]
+    fidelity = "joint"                              # or "contact"
+    friction_law = "Coulomb, set-valued"            # without it: no friction, and scenes with friction are refused
+    static_coefficient = true                       # mus > mu
+    regularized = false                             # friction may leave Coulomb's cone
+    impulses = false                                # steps exchange impulses between velocities
+    adaptive = false                                # it takes {rtol} instead of {dt}
+    locates_events = false                          # it writes {events}
+    order = "1"
+
+    [settings]                                      # defaults; {settings} becomes an argument KEY=VALUE of each
+    iterations = 20
+
+    [environment]
+    OMP_NUM_THREADS = "1"
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
+
+from stiction.scenes.fields import Model, Name
+from stiction.scenes.wording import did_you_mean, names
+
+PLACEHOLDERS = {"scene": "path of the resolved scene, JSON", "result": "path of the table to write",
+                "events": "path of a JSON file that it may write", "t_end": "seconds to simulate",
+                "dt": "step in seconds", "rtol": "relative tolerance", "output_step": "seconds between rows, at most",
+                "settings": "KEY=VALUE, an argument each; must stand alone"}
+"""Words that may stand in braces in an argument, and what replaces them."""
+_BRACES = re.compile(r"\{(\w+)\}")
+_Words = Annotated[tuple[StrictStr, ...], Field(min_length=1)]
+
+
+class Declared(Model):
+    """Capabilities of a program; see `stiction.engines.Capabilities`."""
+
+    fidelity: Literal["joint", "contact"] = "joint"
+    """`"joint"` or `"contact"`"""
+    friction_law: StrictStr = ""
+    """In words; empty where it has no friction"""
+    static_coefficient: StrictBool = False
+    """Whether it has mus > mu"""
+    regularized: StrictBool = False
+    """Whether friction may leave Coulomb's cone"""
+    impulses: StrictBool = False
+    """Whether steps exchange impulses between velocities"""
+    adaptive: StrictBool = False
+    """Whether it takes a tolerance instead of a step"""
+    locates_events: StrictBool = False
+    """Whether it reports the events of its runs"""
+    order: StrictStr = "unknown"
+    """Order of convergence that it promises"""
+
+
+class Declaration(Model):
+    """A program and how it is run."""
+
+    name: Name
+    """In tables and legends"""
+    command: _Words
+    """Program and arguments"""
+    version: _Words
+    """Program and arguments whose first line of output is the version"""
+    folder: StrictStr = "."
+    """Working folder, relative to the file"""
+    result: Literal["csv", "parquet"] = "csv"
+    """Format of the result"""
+    largest_file: Annotated[StrictInt, Field(ge=1, le=1024)] = 1024
+    """MiB of a file that the program writes, at most"""
+    capabilities: Declared = Declared()
+    """What it can do"""
+    settings: dict[Name, StrictBool | StrictInt | StrictFloat | StrictStr] = {}
+    """Settings by name, with their defaults"""
+    environment: dict[str, StrictStr] = {}
+    """Environment variables by name"""
+
+    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        used = set()
+        for i, word in enumerate(self.command):
+            found = _BRACES.findall(word)
+            used |= set(found)
+            for unknown in (name for name in found if name not in PLACEHOLDERS):
+                yield (f"command.{i}", word, f"unknown {{{unknown}}}; expected one of {names(PLACEHOLDERS)}"
+                                             f"{did_you_mean(unknown, PLACEHOLDERS)}")
+            if "settings" in found and word != "{settings}":
+                yield f"command.{i}", word, "expected {settings} as an argument of its own"
+        can = self.capabilities
+        needed = {"scene", "result", "rtol" if can.adaptive else "dt", *(["settings"] if self.settings else [])}
+        needed |= {"events"} if can.locates_events else set()
+        for missing in sorted(needed - used):
+            yield "command", self.command, f"expected {{{missing}}} among the arguments"
+        if (other := "dt" if can.adaptive else "rtol") in used:
+            yield "command", self.command, (f"expected no {{{other}}}: capabilities.adaptive is "
+                                            f"{str(can.adaptive).lower()}")
+        if _BRACES.search(self.command[0]):
+            yield "command.0", self.command[0], "expected a program, not a placeholder"
+
+    def arguments(self, values: dict[str, str], settings: list[str]) -> list[str]:
+        """Return the arguments with values for the placeholders; they are never read by a shell."""
+        filled = []
+        for word in self.command[1:]:
+            filled += settings if word == "{settings}" else [_BRACES.sub(lambda found: values[found[1]], word)]
+        return filled

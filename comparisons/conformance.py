@@ -104,6 +104,7 @@ def _trial(name: str, outcome: Outcome) -> Trial:
 def _attempt(name: str, scene: Scene) -> tuple[list[str], float | None]:
     """Faults of the result of a scene, and its position error, m; in the child."""
     engine = load_engine(name)
+    assert isinstance(engine, ProgramEngine)
     fidelity = engine.capabilities.fidelities[0]
     scene = physics_of(scene, engine.capabilities.static_coefficient[fidelity])
     step: dict[str, Any] = {"rtol": TOLERANCE} if engine.capabilities.adaptive else {"dt": STEP}

@@ -146,8 +146,8 @@ def problems_in_tables(error: ValidationError, top: type[BaseModel],
             for field, wrong, expected in detail["ctx"]["found"]:
                 yield Problem(f"{key}.{field}".lstrip("."), shown(wrong), expected)
         elif detail["type"] == "extra_forbidden":
-            known = (tables.get(location[0], top) if len(location) > 1 else top).model_fields
-            hint = did_you_mean(location[-1], known) or f"; expected one of: {names(known)}"
+            known = (tables.get(str(location[0]), top) if len(location) > 1 else top).model_fields
+            hint = did_you_mean(str(location[-1]), known) or f"; expected one of: {names(known)}"
             yield Problem(key, found, f"unknown key{hint}")
         else:
             yield Problem(key, found_in(detail), expectation(detail))

@@ -323,8 +323,9 @@ def _with_programs(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
 
     def placed(variant: Any) -> Any:
         name = variant.get("engine") if isinstance(variant, dict) else None
-        program = isinstance(name, str) and name.endswith(PROGRAM)
-        return {**variant, "engine": absolute_name(str(folder / name))} if program else variant
+        if not isinstance(name, str) or not name.endswith(PROGRAM):
+            return variant
+        return {**variant, "engine": absolute_name(str(folder / name))}
 
     return {**tables, "variants": {label: placed(variant) for label, variant in variants.items()}}
 

@@ -293,7 +293,7 @@ def _columns(scene: Scene, table: ResultTable, name: str) -> tuple[dict[str, np.
                     raise BadTrajectory(f"{name} returned no column {column}; expected accelerations where a time has "
                                         "two rows, or the run a single one")
                 found[column], made = np.gradient(found[f"{body}.{velocity}"], table.t), {"accelerations": DIFFERENCES}
-    motion = [stacked(found, scene.bodies, labels) for labels in (POSITIONS, VELOCITIES, ACCELERATIONS)]
+    q, v, a = (stacked(found, scene.bodies, labels) for labels in (POSITIONS, VELOCITIES, ACCELERATIONS))
     states = {f"{body}.{label}" for body in scene.bodies for label in POSITIONS + VELOCITIES + ACCELERATIONS}
     reported = {column: values for column, values in found.items() if column not in states}
-    return recover_columns(scene, table.t, *motion, reported) | found, made
+    return recover_columns(scene, table.t, q, v, a, reported) | found, made

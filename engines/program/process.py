@@ -71,6 +71,7 @@ def run_program(command: Sequence[str], folder: Path, environment: Mapping[str, 
         [sys.executable, "-I", "-S", str(SUPERVISOR), str(scratch), str(log), str(largest), *command],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=folder, env={**os.environ, **environment},
         start_new_session=True)
+    assert supervisor.stdin is not None and supervisor.stdout is not None
     limit = threading.Timer(timeout_s or threading.TIMEOUT_MAX, supervisor.stdin.close)
     limit.daemon = True
     try:

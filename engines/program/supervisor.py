@@ -17,7 +17,7 @@ import sys
 class Program:
     """A process that leads a group; its number is its own until it is waited for."""
 
-    def __init__(self, log, command):
+    def __init__(self, log: str, command: list[str]) -> None:
         files = [(os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0), (os.POSIX_SPAWN_DUP2, 1, 2)]
         files.insert(1, (os.POSIX_SPAWN_OPEN, 1, log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600))
         self.number = os.posix_spawn(command[0], command, os.environ, file_actions=files, setpgroup=0,
@@ -25,7 +25,7 @@ class Program:
         self.ending, self.runs = _thread.allocate_lock(), _thread.allocate_lock()
         self.runs.acquire()
 
-    def wait(self):
+    def wait(self) -> None:
         """Wait for its end, end what it has left running, and print the answer."""
         os.waitid(os.P_PID, self.number, os.WEXITED | os.WNOWAIT)
         self.kill_group()
@@ -34,13 +34,13 @@ class Program:
             print(os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime, flush=True)
         self.runs.release()
 
-    def end(self):
+    def end(self) -> None:
         """Kill it with its group if it runs."""
         if self.ending.acquire(False):
             self.kill_group()
         self.runs.acquire()
 
-    def kill_group(self):
+    def kill_group(self) -> None:
         """Kill all processes of its group, if there are any."""
         try:
             os.killpg(self.number, signal.SIGKILL)
@@ -48,12 +48,12 @@ class Program:
             pass
 
 
-def main(folder, log, largest, *command):
+def main(folder: str, log: str, largest: str, *command: str) -> None:
     """Run the command, print the answer, and clean up at the end of standard input."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(largest), int(largest)))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
-        program = Program(log, command)
+        program = Program(log, list(command))
     except OSError as error:
         print("error", error.strerror, flush=True)
     else:

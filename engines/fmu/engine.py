@@ -15,11 +15,11 @@ import numpy as np
 from pydantic import ValidationError
 
 from stiction.engines.fmu.variables import CO_SIMULATION, MODEL_EXCHANGE, FmuDeclared, Map, Variables
-from stiction.engines.protocol import BadTrajectory, EngineFailure, accepted, check_settings
+from stiction.engines.protocol import BadTrajectory, EngineFailure, accepted
 from stiction.engines.registry import BUILT_IN, EngineMissing
 from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine, all_columns
 from stiction.engines.shared.fixed_step import Grid, step_of
-from stiction.scenes import Cost, Event, FileError, Problem, Scene, SceneError, Trajectory
+from stiction.scenes import Cost, Event, FileError, InputError, Problem, Scene, SceneError, Trajectory
 from stiction.scenes.errors import problems_in_tables
 from stiction.scenes.loading import read_toml
 from stiction.scenes.result_table import ResultTable, result_table
@@ -27,9 +27,12 @@ from stiction.scenes.trajectory import rows_of
 from stiction.scenes.wording import shortened, shown
 
 MAP = ".map.toml"
+LOGGING = "logging"
 LOG_LINES = 4
 """Messages of an FMU that a reason has: the last ones."""
 _KINDS = {CO_SIMULATION: "CoSimulation", MODEL_EXCHANGE: "ModelExchange"}  # as fmpy calls them
+_CALLED_BY_CVODE = {"setTime", "setContinuousStates", "getDerivatives", "getContinuousStateDerivatives",
+                    "getEventIndicators"}
 _ATTRIBUTES = {CO_SIMULATION: "coSimulation", MODEL_EXCHANGE: "modelExchange"}
 
 
@@ -43,7 +46,7 @@ class FmuEngine(DeclaredEngine):
     By co-simulation dt is the communication step, and rtol, if given, goes to the FMU's own solver. By model exchange
     fmpy's CVode integrates to rtol and locates events; where fmpy has no CVode, Euler's method steps by dt.
     Accelerations that the FMU does not give are differences of velocities, and forces follow from the balance of
-    momentum.
+    momentum. The setting `logging` turns the FMU's debug logging on: what it logs is in the reason of a failed run.
 
     Raises
     ------
@@ -81,20 +84,24 @@ class FmuEngine(DeclaredEngine):
     @property
     def version(self) -> str:
         description = self.variables.description
-        own = description.version or description.generationDateAndTime or "unnumbered"
+        own = description.version or description.generationDateAndTime or description.guid
         return f"{shortened(own, 40)} (FMI {description.fmiVersion}, fmpy {self._fmpy})"
 
     def content(self) -> bytes:
         chosen = self.map_file.read_bytes() if self.map_file.is_file() else b""
         return self.file.read_bytes() + chosen + self.version.encode()
 
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return {LOGGING: False}
+
     def check_arguments(self, *, dt: float | None, rtol: float | None, fidelity: str,
                         settings: Mapping[str, Any]) -> None:
         """Refuse what the interface does not take; co-simulation takes both, a step and a tolerance."""
-        if self.interface == CO_SIMULATION:
-            check_settings(settings, (), self.name, fidelity)
-        else:
-            super().check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
+        both = self.interface == CO_SIMULATION
+        super().check_arguments(dt=None if both else dt, rtol=None if both else rtol, fidelity=fidelity,
+                                settings=settings)
+        if not isinstance(chosen := settings.get(LOGGING, False), bool):
+            raise InputError(f"{LOGGING}: found {chosen!r}; expected true or false")
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         """See `Engine.refusal`: another scene than the FMU states, columns that it lacks, friction not declared."""
@@ -110,34 +117,40 @@ class FmuEngine(DeclaredEngine):
         else:
             grid = Grid.of(t_end, step_of(dt, t_end), output_step)
         values = self.variables.settable(scene)
-        rows, setup, stepping = self._simulate(scene, grid, rtol, values)
+        logging = {**self.default_settings(fidelity), **settings}[LOGGING]
+        rows, setup, stepping = self._simulate(scene, grid, rtol, values, logging)
         table = self._table(scene, t_end, rows)
         columns, made = all_columns(scene, table, self.name)
-        last = table.last
-        ended = float(table.t[-1])
+        last, until, by_steps = table.last, float(table.t[-1]), self.solver != "CVode"
+        chosen = {"dt": grid.dt if by_steps else None, "rtol": rtol, "interface": self.interface,
+                  "solver": f"{self.solver} (fmpy)" if self.solver else None, LOGGING: logging,
+                  "parameters": " ".join(f"{name}={value:.12g}" for name, value in values.items()), **made,
+                  "friction_law": self.capabilities.friction_law[fidelity]}
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=table.t[last],
             columns={name: found[last] for name, found in columns.items()},
             events=tuple(self._events(scene, table, columns)),
-            termination="end" if ended > (grid.last - 0.5) * grid.dt else f"the FMU ended the run at t = {ended:.9g} s",
-            settings={**({} if self.solver == "CVode" else {"dt": grid.dt}), **({"rtol": rtol} if rtol else {}),
-                      "interface": self.interface, **({"solver": f"{self.solver} (fmpy)"} if self.solver else {}),
-                      "parameters": " ".join(f"{name}={value:.12g}" for name, value in values.items()), **made,
-                      "friction_law": self.capabilities.friction_law[fidelity]},
-            cost=Cost(setup, 0.0, stepping, {"steps": grid.last} if self.solver != "CVode" else {}))
+            termination="end" if until > (grid.last - 0.5) * grid.dt else f"the FMU ended the run at t = {until:.9g} s",
+            settings={key: value for key, value in chosen.items() if value is not None},
+            cost=Cost(setup, 0.0, stepping, {"steps": grid.last} if by_steps else {}))
 
-    def _simulate(self, scene: Scene, grid: Grid, rtol: float | None,
-                  values: Mapping[str, float]) -> tuple[np.ndarray, float, float]:
+    def _simulate(self, scene: Scene, grid: Grid, rtol: float | None, values: Mapping[str, float],
+                  logging: bool) -> tuple[np.ndarray, float, float]:
         """Rows that fmpy has recorded, and CPU seconds before the first step and from there on."""
         from fmpy import extract, instantiate_fmu, simulate_fmu
 
-        description, began, said = self.variables.description, process_time(), []
+        description, began = self.variables.description, process_time()
+        said: list[str] = []
+        failures: list[Exception] = []
         names = [source.removeprefix("-") for source in self.variables.sources(scene).values()
                  if isinstance(source, str)]
         with TemporaryDirectory(prefix="stiction-fmu-", ignore_cleanup_errors=True) as folder:
             try:
                 extract(self.file, folder)
-                fmu = instantiate_fmu(folder, description, _KINDS[self.interface], logger=_logger(said))
+                fmu = instantiate_fmu(folder, description, _KINDS[self.interface], debug_logging=logging,
+                                      logger=_logger(said))
+                for call in _CALLED_BY_CVODE & set(dir(fmu)):
+                    setattr(fmu, call, _noted(getattr(fmu, call), failures))
                 started = process_time()
                 rows = simulate_fmu(
                     folder, fmu_instance=fmu, model_description=description, fmi_type=_KINDS[self.interface],
@@ -145,11 +158,13 @@ class FmuEngine(DeclaredEngine):
                     solver=self.solver, relative_tolerance=rtol, record_events=self.declared.locates_events,
                     start_values=dict(values), output=names,
                     step_finished=_thinned(grid.every) if self.interface == CO_SIMULATION else None)
+                if failures:
+                    raise failures[0]
                 fmu.freeInstance()  # only here: after an error nothing is safe to call
-            except EngineFailure as error:
-                raise EngineFailure(f"{self.name}: {error}{_words(said)}") from None
             except Exception as error:  # fmpy raises Exception itself
-                raise EngineFailure(f"{self.name}: {error or type(error).__name__}{_words(said)}") from error
+                first = failures[0] if failures else error
+                what = str(first) or type(first).__name__
+                raise EngineFailure(f"{self.name}: {what} {_words(said, logging)}") from error
         if self.solver == "Euler":
             rows = rows[::grid.every]
         return rows, started - began, process_time() - started
@@ -210,8 +225,8 @@ def _read(file: Path, chosen: Map, map_name: str) -> tuple[Variables, str, list[
             binaries = [name for name in archive.namelist() if name.startswith("binaries/") and name.count("/") == 2]
         description = read_model_description(file, validate=False)
     except (OSError, BadZipFile, KeyError) as error:
-        raise FmuError(str(file), [Problem("file", shortened(str(error), 160), "expected an FMU: an archive with "
-                                           "modelDescription.xml")]) from None
+        raise FmuError(str(file), [Problem("file", shortened(str(getattr(error, "strerror", None) or error), 160),
+                                           "expected an FMU: an archive with modelDescription.xml")]) from None
     except Exception as error:  # fmpy raises Exception itself, for versions and references
         raise FmuError(str(file), [Problem("modelDescription.xml", shortened(str(error), 160),
                                            "expected a model description of FMI 2 or 3")]) from error
@@ -244,20 +259,33 @@ def _logger(said: list[str]) -> Callable[..., None]:
     return log
 
 
-def _words(said: list[str]) -> str:
-    lines = [shortened(text, 200) for text in said[-LOG_LINES:]]
-    return f" It logged: {' | '.join(lines)}" if lines else ""
+def _noted(function: Callable[..., Any], failures: list[Exception]) -> Callable[..., Any]:
+    """Note what a call raises: behind a callback of C nobody else sees it."""
+    def call(*arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except Exception as error:
+            failures.append(error)
+            raise
+    return call
+
+
+def _words(said: list[str], logging: bool) -> str:
+    """Say what an FMU that failed has logged."""
+    lines = [shortened(" ".join(text.split()), 200) for text in said[-LOG_LINES:]]
+    return (f"It logged: {' | '.join(lines)}" if lines else
+            "It logged nothing" + f"; --setting {LOGGING}=true may bring more" * (not logging))
 
 
 def _thinned(every: int) -> Callable[[float, Any], bool]:
-    """Keep every so many steps of what fmpy records; EngineFailure where a step does not advance."""
+    """Keep every so many steps of what fmpy records; RuntimeError where a step does not advance."""
     latest = -math.inf
     step = 0
 
     def finished(time: float, recorder: Any) -> bool:
         nonlocal latest, step
         if not time > latest:
-            raise EngineFailure(f"the FMU discards the step at t = {time:.9g} s")
+            raise RuntimeError(f"the FMU discards the step at t = {time:.9g} s")
         latest, step = time, step + 1
         if step % every:
             recorder.rows.pop()

@@ -6,7 +6,7 @@ thousandth of it: `LIMIT` lies between.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +33,16 @@ _PENDULUM = {"t_end": 1, "gravity": [0, -9.81],
              "bodies": {"bar": {"mass": 2, "inertia": 0.2, "position": [0.3, -0.4], "angle": 0.4}},
              "joints": {"pin": {"type": "revolute", "bodies": ["bar", "ground"],
                                 "points": [["-0.3*cos(0.4) + 0.4*sin(0.4)", "0.3*sin(0.4) + 0.4*cos(0.4)"], [0, 0]]}}}
+
+
+ADDED: Mapping[str, str] = {
+    "free-body": "the start, weight, and the table itself",
+    "pendulum-on-a-pin": "a pin: points[0] is in the axes of bodies[0], from its centre of mass, and turns with "
+                         "its angle",
+    "block-on-incline": "a guide with friction, whose load is the sum of the corner forces, max(|R|, 2 |N| / length)",
+    "slider-bar-case-1": "a drive and a load that follow laws of time, a spring, a slider that sticks and slips, and "
+                         "friction with a lever (width)"}
+"""New in a scene, and so the first suspect."""
 
 
 @dataclass(frozen=True)
@@ -117,18 +127,27 @@ def _faults(found: Judgement) -> Iterator[str]:
         yield f"time grid: ends at {t[-1]:g} s; expected {scene.t_end:g} s"
     rows = found.tables["errors"]
     continuous = rows[rows["measure"] == "largest"]
-    scale = np.maximum(continuous["size"], size_of(scene))
-    wrong = continuous[continuous["error"] > LIMIT * scale]
+    wrong = continuous[continuous["error"] > LIMIT * np.maximum(continuous["size"], size_of(scene))]
     causes: dict[str, list[str]] = {}
     for row in wrong.to_dict("records"):
-        words = _exchanged(found, row["column"]) or row["hint"] or (
-            f"off by {row['error']:.3g} {row['unit']} at t = {row['at t [s]']:.3g} s; no single cause is seen")
-        causes.setdefault(words, []).append(row["column"])
-    for cause, columns in causes.items():
-        yield f"{', '.join(columns)}: {cause}"
+        causes.setdefault(_exchanged(found, row["column"]) or row["hint"], []).append(row["column"])
+    if "" in causes:  # then what seems to explain some of the columns is chance
+        columns = list(wrong["column"])
+        yield (f"{', '.join(columns)}: wrong from t = {_begin(found, columns):.3g} s on; no unit, sign or order of "
+               "columns explains it")
+        yield f"new in this scene: {ADDED[scene.name]}"
+    else:
+        yield from (f"{', '.join(columns)}: {cause}" for cause, columns in causes.items())
     if len(wrong):
-        for finding in found.tables["findings"]["finding"]:
-            yield f"its columns do not fit: {finding}"
+        yield from (f"its columns do not fit: {finding}" for finding in found.tables["findings"]["finding"])
+
+
+def _begin(found: Judgement, columns: Sequence[str]) -> float:
+    """Time at which one of the columns is wrong for the first time, s."""
+    true = found.truth(found.table.t)
+    wrong = [np.abs(found.table[name] - true[name]) > LIMIT * max(np.max(np.abs(true[name])), size_of(found.scene))
+             for name in columns]
+    return float(found.table.t[np.argmax(np.any(wrong, axis=0))])
 
 
 def _exchanged(found: Judgement, column: str) -> str:

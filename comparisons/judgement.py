@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,14 @@ import pandas as pd
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.energy_balance import energy_balance, needed_columns
-from stiction.comparisons.measures.result_errors import column_errors
+from stiction.comparisons.measures.result_errors import TURN, column_errors
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.comparisons.measures.torque_jumps import SAMPLES, torque_table
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.truth import NO_TRUTH, Truth
+from stiction.comparisons.truth.truth import Columns
+from stiction.comparisons.truth_folder import is_truth_folder, read_truth
 from stiction.comparisons.variants import Record, Variant
 from stiction.engines import coherence
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate
@@ -38,6 +41,8 @@ STILL = 1e-3
 """Part of the largest true slip speed below which a sample is at rest."""
 RESOLVED = 3
 """Samples within a stick phase, at least, for a table to show it: the first and the last may belong to its ends."""
+PHASE = ["guide", "begin [s]", "end [s]", "duration [s]", "samples", "verdict", "fastest slip [m/s]"]
+"""Columns of a stick phase."""
 FOUND, MISSED, UNRESOLVED, INVENTED = "found", "missed", "too short for the samples", "the truth slips"
 
 
@@ -54,7 +59,8 @@ class Judgement:
         ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``: rows may be
         none.
     trajectory : Trajectory
-        The table, one row per instant, both sides of jumps as events.
+        The table, one row per instant, both sides of jumps as events, with displacements, slip velocities and drift
+        that follow from its columns.
     """
 
     scene: Scene
@@ -75,9 +81,9 @@ class Judgement:
 
     @property
     def is_complete(self) -> bool:
-        """True where the table reaches the end of the scene, but for a step."""
-        t = self.trajectory.t
-        return bool(t[-1] + (t[-1] - t[-2]) * (1 + 1e-6) >= self.scene.t_end)
+        """True where the table goes from 0 to the end of the scene, but for a step."""
+        t, room = self.trajectory.t, 1 + 1e-6
+        return bool(t[0] <= room * (t[1] - t[0]) and t[-1] + room * (t[-1] - t[-2]) >= self.scene.t_end)
 
     @property
     def hints(self) -> dict[str, list[str]]:
@@ -93,7 +99,7 @@ class Judgement:
         table = self.tables["errors"]
         return bool(len(table) and table["is input"].any())
 
-    @property
+    @cached_property
     def presentation(self) -> Presentation:
         """The same in words, tables and figures."""
         from stiction.comparisons.judgement_in_words import presentation
@@ -117,7 +123,8 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     Parameters
     ----------
     scene
-        A scene, the name of one of the catalogue, or a TOML file.
+        A scene, the name of one of the catalogue, a TOML file, or the folder of a scene in a data set of truths, whose
+        truth is then read and not solved.
     frame
         A CSV or Parquet file, a DataFrame, a mapping of arrays or a Trajectory: a time column ``t`` and one or more of
         the scene's columns.
@@ -130,27 +137,36 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
 
     Raises
     ------
-    SceneError
-        For a scene that cannot be used.
-    ResultError
-        For a table that cannot be a result of the scene.
+    InputError
+        For a scene that cannot be used, and for a table that cannot be a result of it.
     """
-    loaded = scene if isinstance(scene, Scene) else load_scene(scene)
+    truth = None
+    if isinstance(scene, Scene):
+        loaded = scene
+    elif is_truth_folder(scene):
+        loaded, truth = read_truth(Path(scene))
+    else:
+        loaded = load_scene(scene)
     if t_end is not None:
+        if truth is not None and t_end > truth.t_end:
+            raise InputError(f"t_end: found {t_end:g} s; expected at most {truth.t_end:g} s, the end of the truth in "
+                             f"{scene}")
         loaded = vary(loaded, {"t_end": t_end})
     if isinstance(frame, (str, Path)):
         table = read_result(frame, loaded, mapping, units)
     else:
         given = frame.to_frame(events=True) if isinstance(frame, Trajectory) else frame
         table = result_table(given, loaded, mapping, units)
-    return judged(loaded, table, ground_truth(loaded))
+    return judged(loaded, table, truth or ground_truth(loaded))
 
 
 def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
     """Judge a table by a truth of the scene."""
-    table = _within(table, truth.t_end)
+    table = _within(table, min(scene.t_end, truth.t_end))
+    truth = replace(truth, columns=_remembering(truth.columns))
     trajectory = trajectory_of(scene, table, truth)
-    full = replace(trajectory, columns={**_derived(scene, trajectory), **trajectory.columns})
+    derived = _derived(scene, trajectory)
+    full = replace(trajectory, columns={**derived, **trajectory.columns})
     record = Record(f"{scene.name}/{table.origin}", scene.name, Variant("table", "table", "dt", (_step(full),)),
                     _step(full), Outcome("table", "ok", trajectory))
     known = truth.tier != NO_TRUTH
@@ -158,22 +174,37 @@ def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
              if known and f"{drive}.effort" in trajectory]
     tables = {
         "errors": column_errors(table, trajectory, truth, scene) if known else pd.DataFrame(),
-        "summary": pd.DataFrame([_summary(scene, table, full, truth)]),
+        "summary": pd.DataFrame([_summary(scene, table, replace(full, columns=full.columns | derived), truth)]),
         "stick-phases": pd.DataFrame([row for name in scene.frictional_guides if known
-                                      for row in _stick_phases(scene, full, truth, name)]),
+                                      for row in _stick_phases(scene, full, truth, name)], columns=PHASE),
         "jumps": pd.concat(jumps, ignore_index=True) if jumps else pd.DataFrame(),
         "findings": pd.DataFrame({"finding": list(_findings(scene, full, set(trajectory.columns)))}, dtype=object)}
-    return Judgement(scene, table, truth, tables, trajectory)
+    return Judgement(scene, table, truth, tables, full)
+
+
+def _remembering(columns: Columns) -> Columns:
+    """Keep what was found: that of our own run is integrated at each call, and every column asks for the same times."""
+    known: dict[tuple[bytes, str], dict[str, np.ndarray]] = {}
+
+    def found(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        key = t.tobytes(), side
+        if key not in known:
+            known[key] = columns(t, side)
+        return known[key]
+
+    return found
 
 
 def _within(table: ResultTable, t_end: float) -> ResultTable:
-    """The rows until the end; what rounding adds to the last one is taken off."""
+    """The rows until the end; what rounding adds to the last one is taken off, and angles within a turn go on."""
     kept = table.t <= t_end * (1 + 1e-9)
     if np.count_nonzero(kept) < 2:
         raise InputError(f"{table.origin}: found times from {table.t[0]:g} s on; "
                          f"expected two rows within 0 .. {t_end:g} s")
     t = np.clip(table.t[kept], 0.0, t_end)
-    return replace(table, t=t, columns={name: values[kept] for name, values in table.columns.items()})
+    columns = {name: values[kept] for name, values in table.columns.items()}
+    wrapped = [name for name in columns if name.endswith(".angle") and np.ptp(columns[name]) <= TURN * (1 + 1e-6)]
+    return replace(table, t=t, columns=columns | {name: np.unwrap(columns[name]) for name in wrapped})
 
 
 def trajectory_of(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
@@ -209,9 +240,12 @@ def _has(columns: Mapping[str, Any] | set[str], scene: Scene, *labels: tuple[str
 
 
 def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
-    """Displacements, slip velocities and drift that follow from the states of all bodies, as far as these are given."""
+    """Displacements, slip velocities and drift that follow from what is given: from the states of all bodies.
+
+    Without velocities a slip velocity is the difference quotient of displacements.
+    """
     if not _has(found.columns, scene, POSITIONS):
-        return {}
+        return _rates(scene, found.t, found.columns)
     moves = _has(found.columns, scene, VELOCITIES)
     mechanism = Mechanism(scene, stabilization="none")
     q = np.ascontiguousarray(stacked(found.columns, mechanism.body_names, POSITIONS))
@@ -221,10 +255,13 @@ def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
     columns = build_columns(mechanism, found.t, q, v, np.zeros_like(q), force, None,
                             [*names, "drift.position", "drift.velocity"])
     if not moves:
-        rates = {f"{guide}.slip_velocity": np.gradient(columns[f"{guide}.displacement"], found.t)
-                 for guide in scene.guides}
-        columns |= {**rates, "drift.velocity": np.full(len(found.t), np.nan)}
+        columns |= {**_rates(scene, found.t, columns), "drift.velocity": np.full(len(found.t), np.nan)}
     return columns
+
+
+def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {f"{guide}.slip_velocity": np.gradient(columns[f"{guide}.displacement"], t) for guide in scene.guides
+            if f"{guide}.displacement" in columns}
 
 
 def _step(found: Trajectory) -> float:
@@ -257,20 +294,22 @@ def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> I
     rests = mode == 0 if mode is not None else np.abs(speed) <= slow
     slips = true_speed > 2 * slow
     starts_at_rest = bool(truth(0.0).get(f"{guide}.mode", np.ones(1))[0] == 0)
-    own = [event for event in truth.events if event.joint == guide and event.time < full.t[-1]]
-    for begin, end in stick_intervals(own, 0.0, float(full.t[-1]), starts_at_rest):
+    own = [event for event in truth.events if event.joint == guide]
+    for begin, end in stick_intervals(own, 0.0, truth.t_end, starts_at_rest):
+        if begin < full.t[0] or end > full.t[-1]:  # cut
+            begin, end = max(begin, float(full.t[0])), min(end, float(full.t[-1]))
+            if np.count_nonzero((full.t >= begin) & (full.t <= end)) < RESOLVED:
+                continue
         inside = np.flatnonzero((full.t >= begin) & (full.t <= end))
         inner = inside[1:-1]
         verdict = UNRESOLVED if len(inside) < RESOLVED else FOUND if rests[inner].all() else MISSED
         fastest = float(np.max(np.abs(speed[inner]))) if speed is not None and len(inner) else None
-        yield {"guide": guide, "begin [s]": begin, "end [s]": end, "duration [s]": end - begin,
-               "samples": len(inside), "verdict": verdict, "fastest slip [m/s]": fastest}
+        yield dict(zip(PHASE, (guide, begin, end, end - begin, len(inside), verdict, fastest)))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rests & slips, [False]]).astype(int)))
     for first, behind in edges.reshape(-1, 2):
         if behind - first >= RESOLVED:
             begin, end = float(full.t[first]), float(full.t[behind - 1])
-            yield {"guide": guide, "begin [s]": begin, "end [s]": end, "duration [s]": end - begin,
-                   "samples": int(behind - first), "verdict": INVENTED}
+            yield dict(zip(PHASE, (guide, begin, end, end - begin, int(behind - first), INVENTED)))
 
 
 def _jumps(record: Record, full: Trajectory, truth: Truth, effort: str) -> pd.DataFrame:
@@ -278,7 +317,7 @@ def _jumps(record: Record, full: Trajectory, truth: Truth, effort: str) -> pd.Da
     table = torque_table([record], {record.key: truth}, effort)
     if "event time [s]" not in table:
         return pd.DataFrame()
-    table = table[table["event time [s]"] <= full.t[-1]]
+    table = table[table["event time [s]"].between(full.t[0], full.t[-1])]
     times = np.array([event.time for event in truth.events])
     room = [np.min(np.abs(times[times != time] - time), initial=truth.t_end) for time in table["event time [s]"]]
     return table.assign(readable=bool(full.events) | (np.array(room) > (SAMPLES + 1) * _step(full)))

@@ -14,15 +14,16 @@ from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Numbe
                                                TableView, TracedText, count, scaled_value, sentence, traced, value,
                                                view)
 from stiction.comparisons.truth import NO_TRUTH
+from stiction.scenes.wording import names
 
 if TYPE_CHECKING:
     from stiction.comparisons.judgement import Judgement
 
-DRAWN = 2000
-"""Samples of a line in the figure, at most."""
+DRAWN, POINTS, LINES = 2000, 100, 6
+"""Samples of a line in the figure, points of the table, and positions, those with the largest errors; at most."""
 NOTES = ("Errors are taken at the table's own instants: nothing between its rows is charged to it. A column that jumps "
          "(accelerations, forces, efforts) has the mean of |error| over time; a jump within a row's distance is part "
-         "of its uncertainty.",
+         "of its uncertainty. Angles are compared up to whole turns.",
          "size: the largest value of the true column. tier: what the truth of the column rests on.",
          "A true stick phase is found where all samples in it, but the first and the last, are at rest: slower than a "
          "thousandth of the largest slip speed, or of mode 0.")
@@ -31,7 +32,7 @@ NOTES = ("Errors are taken at the table's own instants: nothing between its rows
 def presentation(judged: Judgement) -> Presentation:
     """Say what a table of results is worth: errors, stick phases, jumps, drift, energy, and what samples can show."""
     findings = [*_truth(judged), *_reading(judged), *_errors(judged), *_stick_phases(judged), *_jumps(judged),
-                *_balance(judged), *_coherence(judged)]
+                *_balance(judged), *_coherence(judged), *_not_judged(judged)]
     return Presentation(_answer(judged), tuple(filter(None, findings)), (), tuple(_tables(judged)),
                         tuple(_figures(judged)), NOTES)
 
@@ -68,9 +69,10 @@ def _truth(judged: Judgement) -> Iterator[TracedText]:
 def _reading(judged: Judgement) -> Iterator[TracedText]:
     """Causes that explain errors, and the end of a table that stops early."""
     for cause, columns in judged.hints.items():
-        yield TracedText(f"{', '.join(columns)}: {cause}.")
+        yield TracedText(f"{', '.join(columns)}: {cause}" + "." * (not cause.endswith("?")))
     if not judged.is_complete:
-        yield traced("The table ends at {} s of {} s.", _of(judged, "ends at [s]"), _of(judged, "t_end [s]"))
+        yield traced("The table goes from {} s to {} s, the scene from 0 to {} s.", _of(judged, "begins at [s]"),
+                     _of(judged, "ends at [s]"), _of(judged, "t_end [s]"))
 
 
 def _of(judged: Judgement, column: str) -> Number | str:
@@ -82,10 +84,9 @@ def _of(judged: Judgement, column: str) -> Number | str:
 def _errors(judged: Judgement) -> Iterator[TracedText]:
     yield sentence("Largest velocity error: {} m/s.", _of(judged, "velocity error [m/s]"))
     yield sentence("Efforts of drives are off by {} N m in the mean.", _of(judged, TORQUE_ERROR))
-    yield sentence("Of its instants with two sides {} are true events, within {} s; {} are none. True events "
-                   "without one: {}.",
-                   *(_of(judged, column) for column in ("events matched", "event time error [s]", "events spurious",
-                                                        "events missed")))
+    yield sentence("Of its instants with two sides {} are true events and {} are none; {} true events are missing.",
+                   *(_of(judged, f"events {kind}") for kind in ("matched", "spurious", "missed")))
+    yield sentence("Times of events are off by at most {} s.", _of(judged, "event time error [s]"))
 
 
 def _stick_phases(judged: Judgement) -> Iterator[TracedText]:
@@ -131,12 +132,31 @@ def _balance(judged: Judgement) -> Iterator[TracedText]:
 
 
 def _coherence(judged: Judgement) -> Iterator[TracedText]:
-    """Faults that the gate finds, and columns that nobody looked at."""
+    """Faults that the gate finds."""
     table = judged.tables["findings"]
     for row in table.index:
         yield traced("Its columns do not fit: {}.", value("findings", table, row, "finding"))
+
+
+def _not_judged(judged: Judgement) -> Iterator[TracedText]:
+    """Columns that are not looked at, and questions that the table has no columns for."""
+    scene, run = judged.scene, judged.trajectory
+    slips = any(f"{guide}.{label}" in run for guide in scene.frictional_guides for label in ("slip_velocity", "mode"))
+    efforts = any(f"{drive}.effort" in run for drive in scene.drives)
+    wanting = {"stick phases (displacement, slip velocity or mode of guides, or positions of all bodies)":
+               scene.frictional_guides and not slips,
+               "jumps (efforts of drives)": scene.frictional_guides and scene.drives and not efforts,
+               "constraint drift (positions of all bodies)": "drift.position" not in run,
+               "energy (positions, velocities, efforts, friction)": "energy error [J]" not in judged.tables["summary"]}
+    if asked := [question for question, is_wanting in wanting.items() if is_wanting]:
+        yield TracedText(f"Not judged, for want of columns: {'; '.join(asked)}.")
+    known = set(judged.tables["errors"].get("column", ()))
+    if judged.truth.tier != NO_TRUTH and (unknown := [
+            name for name in judged.table.columns if name not in known and not name.endswith(".mode")
+            and not name.startswith("drift.")]):
+        yield TracedText(f"The truth does not have {names(unknown)}.")
     if judged.table.left_out:
-        yield TracedText(f"Columns that are none of the scene's: {', '.join(judged.table.left_out)}.")
+        yield TracedText(f"Columns that are none of the scene's: {names(judged.table.left_out)}.")
 
 
 def _tables(judged: Judgement) -> Iterator[TableView]:
@@ -148,7 +168,7 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
                                      else "" for i in errors.index])
         kinds = errors.dropna(subset="error").groupby("unit", sort=False)["error"].idxmax()
         yield view("worst", "Of each kind of column that with the largest error.", shown.loc[kinds], columns,
-                   source="errors")
+                   source="errors", in_report=False)
         yield view("errors", "Errors of all columns.", shown, columns)
     if len(phases := judged.tables["stick-phases"]):
         yield view("stick-phases", "Stick phases.", phases,
@@ -174,13 +194,14 @@ def _figures(judged: Judgement) -> Iterator[Chart]:
     known = judged.truth(run.t)
     drawn = [(f"{guide}.slip_velocity", "slip velocity [m/s]") for guide in judged.scene.frictional_guides]
     drawn += [(f"{drive}.effort", "effort [N m or N]") for drive in judged.scene.drives]
-    every = slice(None, None, -(-len(run.t) // DRAWN))
+    every = slice(None, None, -(-len(run.t) // POINTS))
     for name, label in drawn:
         if name in known and name in run:
             exact = truth_graph(judged.truth, name, t)
             panels.append(Panel(name, Axis("time [s]"), Axis(label), [
                 Series("truth", exact.t, exact.values, look=TRUTH),
-                Series("table", run.t[every], run[name][every], look="table", line=False, points=True)], shades=shades))
+                Series("table", run.t[every], run[name][every], look="table", line=False, points=True,
+                       hollow=True)], shades=shades))
     if panels:
         yield Chart("judgement", "Difference of positions from the truth, and columns of the table with the truth; "
                     "grey: true stick phases.", panels, 1, share_x=True)
@@ -188,10 +209,10 @@ def _figures(judged: Judgement) -> Iterator[Chart]:
 
 def _differences(judged: Judgement) -> Iterator[Panel]:
     table, run = judged.tables["errors"], judged.trajectory
-    names = list(table.loc[table["unit"] == "m", "column"]) if len(table) else []
+    worst = list(table[table["unit"] == "m"].nlargest(LINES, "error")["column"]) if len(table) else []
     exact = judged.truth(run.t)
     series = []
-    for name in names:
+    for name in worst:
         off = np.abs(run[name] - exact[name])
         parts = np.array_split(np.arange(len(off)), min(DRAWN, len(off)))
         top = np.array([part[np.argmax(off[part])] for part in parts])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from inspect import cleandoc
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from stiction.cli.app import app
 from stiction.cli.describe import fidelities_of, table_of_defaults
 from stiction.comparisons.campaigns import history
 from stiction.engines import EngineMissing, load_engine
+from stiction.engines.program import declaration
 from stiction.reference_impl import paper
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS
 from stiction.scenes import catalogue, load_scene, new_scene_text
@@ -29,7 +31,7 @@ from stiction.scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
 from stiction.scenes.expressions import CONSTANTS, FUNCTIONS
 from stiction.scenes.model import Scene
 
-PART = re.compile(r"^(<!-- generated: ([\w -]+) -->\n).*?(^<!-- end -->$)", re.MULTILINE | re.DOTALL)
+PART = re.compile(r"^(<!-- generated: ([\w. -]+) -->\n).*?(^<!-- end -->$)", re.MULTILINE | re.DOTALL)
 
 
 def regenerated(page: str) -> str:
@@ -206,10 +208,29 @@ def night_history() -> str:
     return f"```text\n{inspect.getdoc(history)}\n```\n"
 
 
+def program_declaration() -> str:
+    """A declaration of a program with every key."""
+    return f"```toml\n{cleandoc(declaration.__doc__.partition(chr(10))[2])}\n```\n"
+
+
+def placeholders() -> str:
+    """The words in braces that a command may have."""
+    return _table(("in an argument", "is replaced by"), [(f"`{{{name}}}`", words)
+                                                         for name, words in declaration.PLACEHOLDERS.items()])
+
+
+def laws(file: str) -> str:
+    """The part of an example solver that reads the laws of time."""
+    text = (Path(__file__).parent / "examples" / "solvers" / file).read_text(encoding="utf-8")
+    part = re.split(r"^\W*mechanics\W*$", re.split(r"^\W*laws of time\W*$", text, flags=re.MULTILINE)[1],
+                    flags=re.MULTILINE)[0]
+    return f"```text\n{part.strip()}\n```\n"
+
+
 GENERATED: dict[str, Callable[..., str]] = {
     function.__name__: function for function in (
         scene_format, new_scene, arithmetic, symbols, columns, scenes, engine, breakdowns, command_line, python,
-        night_history)}
+        night_history, program_declaration, placeholders, laws)}
 
 if __name__ == "__main__":
     write(Path(__file__).parent)

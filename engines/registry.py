@@ -88,7 +88,7 @@ def label_of(name: str) -> str:
         return name
     try:
         return load_engine(name).name
-    except EngineMissing:
+    except (EngineMissing, UnknownEngine):
         return Path(name).stem
 
 
@@ -116,14 +116,16 @@ def load_engine(name: str) -> Engine:
     ------
     UnknownEngine
         If nothing has this name, or what has it is not an `Engine`, or lacks something that is `OBLIGATORY`.
-    ProgramError, FmuError
-        If the declaration of a program cannot be used, or an FMU.
+    InputError
+        If the declaration of a program or an FMU cannot be used; it lists all problems.
     EngineMissing
         If the engine's package is not installed, too old, broken or cannot be imported; the message says what to
         install. Of an engine that another package announces whatever its adapter raises is one, so that the other
         engines go on.
     """
     if is_file(name):
+        if not Path(name).is_file():
+            raise UnknownEngine(f"engine: found no file {name!r}; expected the declaration of a program, or an FMU")
         return _of_file(Path(name).resolve())
     if name not in BUILT_IN and name not in _announced(tuple(sys.path)):
         _announced.cache_clear()  # its package may have been installed since

@@ -39,7 +39,8 @@ def write_judgement(judged: Judgement, folder: Path) -> Path:
                 save(drawing, partial / "figures")
         items = "\n".join(f"- {part.text}" for part in said.findings)
         parts = [f"# {judged.table.origin} on {judged.scene.name}", f"**{said.answer.text}**", items,
-                 *map(figure, drawings), *map(_section, said.tables), "\n".join(f"- {note}" for note in said.notes)]
+                 *map(figure, drawings), *(_section(view) for view in said.tables if view.in_report),
+                 "\n".join(f"- {note}" for note in said.notes)]
         (partial / MAIN).write_text("\n\n".join(filter(None, parts)) + "\n", encoding="utf-8")
         write_provenance(partial, {"scene": judged.scene.name, "table": judged.table.origin})
     return Path(folder) / MAIN

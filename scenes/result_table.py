@@ -41,6 +41,8 @@ _POWERS: Mapping[str, Mapping[str, int]] = {
     "rad/s": {"angle": 1, "time": -1}, "m/s²": {"length": 1, "time": -2}, "rad/s²": {"angle": 1, "time": -2},
     "N": {"force": 1}, "N m": {"force": 1, "length": 1}, "": {}}
 _ROUNDING = 1e-9
+_TYPING_ERRORS = 5
+"""Names that resemble the scene's without being one, at most: more are another scene's."""
 _NUMBER = "expected a finite number"
 
 
@@ -236,6 +238,7 @@ def _chosen(found: list[str], scene: Scene,
     """Number and sign of the table's column by the scene's name; columns left out; problems of names."""
     known = [TIME, *columns_of(scene)]
     chosen: dict[str, tuple[int, int]] = {}
+    misspelt: dict[str, str] = {}
     left_out, problems = [], [
         Problem("--map", shown(mine), f"expected a column of the table: {names(found)}{did_you_mean(mine, found)}")
         for mine in mapping if mine not in found]
@@ -251,12 +254,14 @@ def _chosen(found: list[str], scene: Scene,
             problems.append(Problem("--map", shown(name), f"expected a column of the scene: "
                                                           f"{names(known)}{did_you_mean(name, known)}"))
         elif close := did_you_mean(mine, known) if mine not in mapping else "":
-            problems.append(Problem(shortened(mine), "a name that the scene does not have",
-                                    f"expected a column of the scene{close}; --map MINE=COLUMN renames, "
-                                    "--map MINE= leaves out"))
+            misspelt[mine] = f"expected a column of the scene{close}; --map MINE=COLUMN renames, --map MINE= leaves out"
         else:
             left_out.append(mine)
-    return chosen, left_out, problems
+    if len(misspelt) > _TYPING_ERRORS:
+        return chosen, left_out, [Problem("columns", names(misspelt), f"expected those of the scene: {names(known)}; "
+                                                                      "is the table of another scene?")]
+    return chosen, left_out, [*problems, *(Problem(shortened(mine), "a name that the scene does not have", expected)
+                                           for mine, expected in misspelt.items())]
 
 
 def _numbers(column: pd.Series, may_be_open: bool) -> tuple[np.ndarray, list[tuple[int, str, str]]]:

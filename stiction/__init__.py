@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from stiction.comparisons.judgement import Judgement, judge
     from stiction.engines import (BadTrajectory, Capabilities, Engine, EngineFailure, EngineMissing, Job, Outcome,
                                   Refused, UnknownEngine, engine_names, load_engine, run_isolated)
     from stiction.reference_impl.multibody.reactions import recover_columns
@@ -19,21 +20,22 @@ if TYPE_CHECKING:
                                  load_scene)
 
 __all__ = ["BadTrajectory", "Breakdown", "Capabilities", "Cost", "Engine", "EngineFailure", "EngineMissing", "Event",
-           "InputError", "Job", "Outcome", "Refused", "Scene", "SceneError", "StictionError", "Trajectory",
-           "UnknownEngine", "engine_names", "load_engine", "load_scene", "recover_columns", "run_isolated"]
+           "InputError", "Job", "Judgement", "Outcome", "Refused", "Scene", "SceneError", "StictionError", "Trajectory",
+           "UnknownEngine", "engine_names", "judge", "load_engine", "load_scene", "recover_columns", "run_isolated"]
 
 if (_checkout := Path(__file__).parent.parent).joinpath("pyproject.toml").is_file():
     __path__.append(str(_checkout))  # a checkout has the packages next to this one
 
 _OF_SCENES = {"Breakdown", "Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory",
               "load_scene"}
+_HOMES = {"recover_columns": "reference_impl.multibody.reactions", "judge": "comparisons.judgement",
+          "Judgement": "comparisons.judgement"}
 
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'stiction' has no attribute {name!r}")
-    home = ("reference_impl.multibody.reactions" if name == "recover_columns"
-            else "scenes" if name in _OF_SCENES else "engines")
+    home = _HOMES.get(name) or ("scenes" if name in _OF_SCENES else "engines")
     return getattr(import_module(f"stiction.{home}"), name)
 
 

@@ -42,7 +42,7 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 TEXT = {page.relative_to(ROOT).as_posix(): page.read_text(encoding="utf-8") for page in PAGES}
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 FILE_NAME = re.compile(r"# ([\w.-]+\.(?:toml|py))\n")
-QUICK = {"new", "schema", "draw", "run", "scenes", "engines", "explain"}
+QUICK = {"new", "schema", "draw", "run", "judge", "dataset", "scenes", "engines", "explain"}
 """Commands of seconds."""
 OF_OTHERS = {"pip", "make"}
 """Commands that set up or run what is running here already."""

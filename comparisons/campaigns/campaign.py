@@ -100,7 +100,8 @@ class _Variant(_Steps):
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if is_file(self.engine):
             if not Path(self.engine).is_file():
-                yield "engine", self.engine, "expected the declaration of a program or an FMU, relative to this file"
+                yield "engine", Path(self.engine).name, ("expected the declaration of a program or an FMU, relative to "
+                                                         "this file")
         elif ":" not in self.engine and self.engine not in (known := engine_names()):
             hint = did_you_mean(self.engine, known)
             yield "engine", self.engine, (f"expected {', '.join(known)}, module:Class, a program's FILE.toml or a "

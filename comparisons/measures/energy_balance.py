@@ -41,7 +41,8 @@ def needed_columns(scene: Scene) -> list[str]:
 def energy_balance(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> EnergyBalance:
     """Compare the kinetic energy with the work done, by the trapezoidal rule.
 
-    Pins and ideal guides do no work. The work is unsure by its difference to that of every other sample (and both sides of jumps).
+    Pins and ideal guides do no work. The work is unsure by its difference to that of every other sample,
+    and of all at jumps.
 
     Parameters
     ----------

@@ -47,14 +47,15 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
     rows = []
     for name, found in table.columns.items():
         label = name.rpartition(".")[2]
-        if name not in after or label == "mode":
+        if name not in after or label == "mode" or name.startswith("drift."):
             continue
         sides = np.stack([found - before[name], found - after[name]])
         off = np.take_along_axis(sides, np.argmin(np.abs(sides), axis=0)[None], axis=0)[0]
         if label == "angle":
             off = off - TURN * np.round(off / TURN)
         unit, size = unit_of(name, scene), float(np.max(np.abs(after[name])))
-        row = {"column": name, "unit": unit, "size": size, "tier": _tier(name, truth)}
+        row = {"column": name, "unit": unit, "size": size, "tier": _tier(name, truth), "at t [s]": None,
+               "error": None, "uncertainty": None}
         if label in CONTINUOUS:
             worst = int(np.argmax(np.abs(off)))
             row |= {"measure": "largest", "error": abs(float(off[worst])), "at t [s]": float(table.t[worst]),

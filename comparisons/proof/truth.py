@@ -92,6 +92,11 @@ def certificates() -> list[Path]:
     return sorted(DATA.glob(f"truth-*{SUFFIX}"))
 
 
+def certificate_of(scene: Scene) -> Path | None:
+    """The file that proves the motion of a scene; None without one."""
+    return _file(motion_digest(scene_to_toml(scene)))
+
+
 def with_proof(scene: Scene, truth: Truth) -> Truth:
     """The truth with proven positions, velocities and events where a certificate is of its scene; else as it is.
 
@@ -125,9 +130,13 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
                    events=tuple(replace(event, time=float(time)) for event, time in zip(truth.events, times)))
 
 
+def _file(digest: str) -> Path | None:
+    return next(DATA.glob(f"truth-*.{digest}{SUFFIX}"), None)
+
+
 @lru_cache(maxsize=4)
 def _proven(digest: str) -> ProvenTruth | None:
-    file = next(DATA.glob(f"truth-*.{digest}{SUFFIX}"), None)
+    file = _file(digest)
     return None if file is None else ProvenTruth.of(json.loads(gzip.decompress(file.read_bytes())))
 
 

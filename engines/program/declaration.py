@@ -1,7 +1,7 @@
 """Declaration of a program that takes part as an engine, in a TOML file validated like a scene.
 
     name = "mine"
-    command = ["./mine", "{scene}", "{result}", "{dt}", "{output_step}"]
+    command = ["./mine", "{scene}", "{result}", "{dt}", "{output_step}", "{settings}"]
     version = ["./mine", "--version"]               # its first line of output is the version
     folder = "."                                    # where both run; relative to this file, as programs with a / are
     result = "csv"                                  # or "parquet"

@@ -162,23 +162,23 @@ class ProgramEngine(DeclaredEngine):
             values = {key: str(path) for key, path in paths.items()}
             values |= {key: repr(float(value)) for key, value in numbers.items()}
             words = [f"{key}={as_given(value)}" for key, value in chosen.items()]
-            ended = run_program([str(self._program), *self.declaration.arguments(values, words)], self.folder,
-                                self.declaration.environment, place, self.declaration.largest_file * 2 ** 20)
-            self._check(ended, paths)
-            return Product(self._table(paths["result"], handed), self._report(paths["events"]), method | chosen,
-                           ended.cpu_s)
+            command = [str(self._program), *self.declaration.arguments(values, words)]
+            with run_program(command, self.folder, self.declaration.environment, place,
+                             self.declaration.largest_file * 2 ** 20) as ended:
+                self._check(ended, paths["result"])
+                return Product(self._table(paths["result"], handed), self._report(paths["events"]), method | chosen,
+                               ended.cpu_s)
 
-    def _check(self, ended: Ended, paths: Mapping[str, Path]) -> None:
+    def _check(self, ended: Ended, result: Path) -> None:
         """Raise what the end of the program stands for."""
         if ended.code == REFUSAL:
             raise Refused(ended.said or f"{self.name} ended with exit code {REFUSAL}, a refusal, and printed no reason")
-        limit = self.declaration.largest_file * 2 ** 20
-        full = [path.name for path in paths.values() if path.exists() and path.stat().st_size >= limit]
-        too_much = (f"; {' and '.join(full) or 'a file'} has reached the limit of {self.declaration.largest_file} MiB"
-                    if full or "SIGXFSZ" in ended.words else "")
+        most = self.declaration.largest_file
+        full = [path.name for path in result.parent.iterdir() if path.stat().st_size >= most * 2 ** 20]
+        too_much = f"; {' and '.join(full)}: reached the limit of {most} MiB" if full else ""
         if ended.code != 0 or too_much:
             raise EngineFailure(f"{self.name}: {ended.words}{too_much}")
-        if not paths["result"].is_file():
+        if not result.is_file():
             raise BadTrajectory(f"{self.name} returned no file; expected one at {{result}}: {ended.words}")
 
     def _table(self, path: Path, scene: Scene) -> ResultTable:
@@ -230,8 +230,8 @@ def _read(file: Path) -> Declaration:
 def _answer(name: str, command: tuple[str, ...], folder: Path, environment: tuple[tuple[str, str], ...],
             digests: bytes) -> str:
     """The first line that the version command prints; asked again where a file of the command has changed."""
-    with TemporaryDirectory(prefix="stiction-program-") as scratch:
-        ended = run_program(command, folder, dict(environment), Path(scratch), 2 ** 20, VERSION_S)
+    with (TemporaryDirectory(prefix="stiction-program-") as scratch,
+          run_program(command, folder, dict(environment), Path(scratch), 2 ** 20, VERSION_S) as ended):
         lines = (Path(scratch) / "printed.txt").read_text(errors="replace").split("\n") if ended.code == 0 else [""]
     if ended.code != 0 or not (line := lines[0].strip()):
         raise EngineBroken(f"{name}: its version command fails: {' '.join(command)}: {ended.words}; expected a line "

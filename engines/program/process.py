@@ -7,7 +7,8 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,9 +46,10 @@ class Ended:
         return f"{how}: {self.said or 'nothing was printed'}"
 
 
+@contextmanager
 def run_program(command: Sequence[str], folder: Path, environment: Mapping[str, str], scratch: Path, largest: int,
-                timeout_s: float | None = None) -> Ended:
-    """Run a program to its end.
+                timeout_s: float | None = None) -> Iterator[Ended]:
+    """Run a program to its end, and read what it has written within the context, after which `scratch` is removed.
 
     Parameters
     ----------
@@ -58,7 +60,7 @@ def run_program(command: Sequence[str], folder: Path, environment: Mapping[str, 
     environment
         Variables besides those of this process.
     scratch
-        Folder for what the program prints. It is removed with everything in it if this process is killed.
+        Folder for what the program prints and writes. It is removed even if this process is killed.
     largest
         Bytes that a file of the program may have, what it prints included; the system ends a program that writes more.
     timeout_s
@@ -73,16 +75,19 @@ def run_program(command: Sequence[str], folder: Path, environment: Mapping[str, 
     limit.daemon = True
     try:
         limit.start()
-        answer = supervisor.stdout.read().strip()
+        answer = supervisor.stdout.readline().strip()
+        limit.cancel()
+        first, _, rest = answer.partition(" ")
+        if not answer:
+            unfinished = f"no end within {timeout_s:g} s" if timeout_s else "its supervisor was killed"
+            yield Ended(None, 0.0, unfinished)
+        else:
+            yield Ended(None, 0.0, rest) if first == "error" else Ended(int(first), float(rest), _end_of(log))
     finally:  # an interrupt included: the end of its input ends the supervisor and all that it has started
         limit.cancel()
         supervisor.stdin.close()
         supervisor.wait()
         supervisor.stdout.close()
-    if not answer:
-        return Ended(None, 0.0, f"no end within {timeout_s:g} s" if timeout_s else "it was killed with its supervisor")
-    first, rest = answer.split(maxsplit=1)
-    return Ended(None, 0.0, rest) if first == "error" else Ended(int(first), float(rest), _end_of(log))
 
 
 def _end_of(log: Path) -> str:

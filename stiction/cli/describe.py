@@ -97,7 +97,8 @@ def explain(scene: SceneName, overrides: Overrides = []) -> None:
 @commands.command()
 def export(scene: SceneName, overrides: Overrides = [],
            to: Annotated[str, typer.Option(
-               "--to", metavar="FORMAT", help="mjcf (MuJoCo), urdf, or exudyn (a Python script).")] = "mjcf",
+               "--to", metavar="FORMAT", help="mjcf (MuJoCo), urdf, exudyn (a Python script), or resolved (JSON for "
+               "programs: numbers evaluated, every key there; see `stiction schema --resolved`).")] = "mjcf",
            fidelity: Annotated[str, typer.Option(
                metavar="joint|contact", help="Bilateral joints, or (mjcf) a box between surfaces.")] = "joint",
            out: Annotated[Path | None, typer.Option(
@@ -109,10 +110,11 @@ def export(scene: SceneName, overrides: Overrides = [],
     from stiction.engines.protocol import FIDELITIES
     from stiction.engines.pybullet.urdf import urdf
     from stiction.engines.shared.fixed_step import DEFAULT_STEP
+    from stiction.scenes.resolved import resolved_text
 
     named = shlex.join([scene, *(part for text in overrides for part in ("--set", text))])
     writers = {"mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP, fidelity), "urdf": urdf,
-               "exudyn": lambda loaded: scene_as_script(loaded, named)}
+               "exudyn": lambda loaded: scene_as_script(loaded, named), "resolved": resolved_text}
     if to not in writers:
         raise typer.BadParameter(f"found {to!r}; expected {', '.join(writers)}", param_hint="--to")
     if fidelity not in (can := FIDELITIES if to == "mjcf" else ("joint",)):

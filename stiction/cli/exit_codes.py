@@ -17,7 +17,8 @@ EXIT_CODES = (
     "Exit codes: 0 done (in validate, compare and sweep, what failed is a row of the result); 1 the run failed: the "
     "engine failed, refused, crashed, is not installed or ran out of time, or in validate a run of the reference did, "
     "or in compare and sweep all runs did; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
-    "3 regression (nightly, check), or a truth has moved (baseline update); 4 no regression, but not everything could "
+    "3 regression (nightly, check), a truth has moved (baseline "
+    "update), or an error beyond --max-error (judge); 4 no regression, but not everything could "
     "run (nightly, check); 5 nothing was compared, for want of a baseline (nightly, check); 130 interrupted; 143 ended "
     "by SIGTERM. A bug ends with its traceback, and 1.")
 IN_BRIEF = ("Exit codes: 0 done, 1 failed, 2 bad input, 3 regression, 4 not all could be run, 5 nothing compared; "

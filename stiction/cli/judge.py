@@ -1,4 +1,4 @@
-"""`stiction judge`: the results of anybody's program."""
+"""The results of anybody's program, and truths for anybody: ``judge``, ``dataset``."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stiction.cli.exit_codes import BAD_INPUT, REGRESSED, ended
-from stiction.cli.options import EndTime, Overrides, SceneName, about, positive, scene_of
-from stiction.cli.render import show
+from stiction.cli.exit_codes import BAD_INPUT, FAILED, REGRESSED, ended
+from stiction.cli.options import EndTime, Overrides, about, listed, positive, scene_of
+from stiction.cli.render import progress, show, show_table
 
 if TYPE_CHECKING:
     from stiction.comparisons.judgement import Judgement
@@ -18,7 +18,9 @@ commands = typer.Typer()
 
 
 @commands.command()
-def judge(scene: SceneName,
+def judge(scene: Annotated[str, typer.Argument(
+              metavar="SCENE", help="Name of the catalogue, a TOML file, or the folder of a scene in a data set of "
+              "truths, whose truth is then read and not solved.")],
           result: Annotated[Path, typer.Argument(
               metavar="RESULT", help="A table, .csv or .parquet: a column t, and one or more of the scene's columns. "
               "Two rows of one time are both sides of a jump.")],
@@ -30,13 +32,14 @@ def judge(scene: SceneName,
               "with mm velocities are mm/s and moments N mm.")] = "",
           max_error: Annotated[float | None, typer.Option(
               "--max-error", metavar="M", parser=positive, help="Exit with 3 where a position is off by more metres "
-              "(an angle: times the mechanism's size), or RESULT ends early.")] = None,
+              "(an angle: times the mechanism's size), or RESULT begins late or ends early.")] = None,
           t_end: EndTime = None, overrides: Overrides = [],
           out: Annotated[Path | None, typer.Option(
               metavar="FOLDER", help="Write a page, a figure and the tables: new, empty, or of an earlier call.")
           ] = None) -> None:
     """Judge a table of results of any program: errors against the truth, stick phases, jumps, drift, energy."""
     from stiction.comparisons.judgement import judge as judged_by
+    from stiction.comparisons.truth_folder import is_truth_folder
     from stiction.reports.judgement_page import MAIN, write_judgement
     from stiction.reports.run_folder.overwriting import check_folder
     from stiction.scenes.result_table import parse_map, parse_units
@@ -48,7 +51,10 @@ def judge(scene: SceneName,
     if out is not None:
         with about("--out"):
             check_folder(out, MAIN)
-    judged = judged_by(scene_of(scene, overrides), result, mapping, sizes, t_end)
+    is_folder = is_truth_folder(scene)
+    if is_folder and overrides:
+        raise typer.BadParameter("found it with the folder of a truth; expected a scene", param_hint="--set")
+    judged = judged_by(scene if is_folder else scene_of(scene, overrides), result, mapping, sizes, t_end)
     print(f"{result} on {judged.scene.name}")
     print(judged)
     print()
@@ -59,6 +65,30 @@ def judge(scene: SceneName,
     _end(judged, max_error)
 
 
+@commands.command()
+def dataset(folder: Annotated[Path, typer.Argument(
+                metavar="FOLDER", help="New, empty, or of an earlier call.")],
+            scenes: Annotated[list[str] | None, typer.Option(
+                "--scenes", metavar="A,B,..", help="Scenes of the catalogue; all if not given.")] = None) -> None:
+    """Write the truths of the catalogue's scenes for people without stiction: tables, events, proofs, a README."""
+    from stiction.reports.dataset import MAIN, scene_names, write_dataset
+    from stiction.reports.run_folder.overwriting import check_folder
+    from stiction.scenes import scene_text
+
+    names = listed(scenes) if scenes else scene_names()
+    for name in names:
+        scene_text(name)  # refuses what the catalogue does not have
+    with about("FOLDER"):
+        check_folder(folder, MAIN)
+    with progress("dataset") as bar:
+        bar.start(len(names))
+        index = write_dataset(folder, names, bar.result)
+    if index.empty:
+        raise ended(FAILED, "none of these scenes has a truth that is not our own run")
+    show_table(index[["scene", "tier", "events", "position uncertainty [m]", "certificate"]])
+    print(folder / MAIN)
+
+
 def _end(judged: Judgement, max_error: float | None) -> None:
     """End with an exit code where the table is misread, or misses the bound."""
     if judged.is_misread:
@@ -67,13 +97,14 @@ def _end(judged: Judgement, max_error: float | None) -> None:
     if max_error is None:
         return
     if judged.error is None:
-        raise ended(BAD_INPUT, "--max-error: found no position that the truth has; expected one or more")
+        raise ended(BAD_INPUT, "--max-error: found no position whose truth is known; expected one or more")
     if judged.uncertainty >= max_error:
         raise ended(BAD_INPUT, f"--max-error: found {max_error:g} m; expected more than the uncertainty of the truth, "
                                f"{judged.uncertainty:.2g} m")
     if not judged.is_complete:
-        raise ended(REGRESSED, f"{judged.table.origin}: ends at {judged.trajectory.t[-1]:g} s; expected "
-                               f"{judged.scene.t_end:g} s (--t-end says otherwise)")
+        raise ended(REGRESSED, f"{judged.table.origin}: found times from {judged.trajectory.t[0]:g} to "
+                               f"{judged.trajectory.t[-1]:g} s; expected 0 to {judged.scene.t_end:g} s (--t-end says "
+                               "otherwise)")
     if judged.error > max_error:
         raise ended(REGRESSED, f"{judged.table.origin}: position error {judged.error:.3g} m; expected at most "
                                f"{max_error:g} m")

@@ -192,7 +192,7 @@ def test_maps_that_cannot_be_used(exchange, chosen, words):
 
 def test_files_that_are_no_fmu(tmp_path, exchange, scripted):
     for name, entry, words in (("text", None, "archive"), ("empty", ("readme.txt", ""), "modelDescription.xml"), ("xml", ("modelDescription.xml", "<a"), "description"),
-                               ("old", ("modelDescription.xml", '<fmiModelDescription fmiVersion="0.9"/>'), "FMI"), ("none", "", "No such file")):
+                               ("old", ("modelDescription.xml", '<fmiModelDescription fmiVersion="0.9"/>'), "FMI"), ("none", "", "no file")):
         file = tmp_path / f"{name}.fmu"
         if entry is None:
             file.write_text("garbage")

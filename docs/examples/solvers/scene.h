@@ -43,6 +43,8 @@ static double number(const char *object, const char *key) { return strtod(get(ob
 static int null(const char *p) { return *p == 'n'; }
 static void pair(const char *list, double *xy) { for (int k = 0; k < 2; k++) xy[k] = strtod(item(list, k), 0); }
 
+/* laws of time */
+
 typedef struct { char kind; double a, b, c, d; int n; double *x, *y, *bend; } Law;
 static Law constant(double value) { Law law = {'c', value}; return law; }
 static double *numbers(const char *list, int n) {

@@ -2,7 +2,7 @@
 
    Moreau's midpoint rule. In a step of length h from (q, v), with m = q + h v/2 and p = q + h v, the next velocity w and
    the impulses L of joints and drives and P of friction solve
-       M (w - v) = h Q(t + h/2, m, v) + J(m)' L + T(m)' P,   J(p) w = -dPhi/dt - Phi(p) / (10 h),   |P| <= mu load,
+       M (w - v) = h Q(t + h/2, m, v) + J(m)' L + T(m)' P,   J(p) w = -dPhi/dt - Phi(q) / (10 h),   |P| <= mu load,
    load of the corners of a slider: max(|R|, 2 |N| / length) of its own impulses L;   q <- q + h (v + w) / 2. */
 #include "scene.h"
 
@@ -132,7 +132,8 @@ static void step(double t, double h, double *w, double *P) {  /* velocity after 
     for (int r = 0; r < rows; r++) {
         coordinate(&row[r], middle, e);
         for (int i = 0; i < n; i++) A[i][n + r] = -e[i];
-        double error = coordinate(&row[r], ahead, e) - law_at(&row[r].law, t + h, &rate);
+        double error = coordinate(&row[r], q, e) - law_at(&row[r].law, t, &rate);
+        coordinate(&row[r], ahead, e), law_at(&row[r].law, t + h, &rate);
         memcpy(A[n + r], e, n * sizeof *e), A[n + r][size] = rate - error / (10 * h);
     }
     for (int k = 0; k < guides; k++) {

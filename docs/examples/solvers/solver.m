@@ -2,9 +2,11 @@
 %
 % Moreau's midpoint rule. In a step of length h from (q, v), with m = q + h v/2 and p = q + h v, the next velocity w and
 % the impulses L of joints and drives and P of friction solve
-%     M (w - v) = h Q(t + h/2, m, v) + J(m)' L + T(m)' P,   J(p) w = -dPhi/dt - Phi(p) / (10 h),   |P| <= mu load,
+%     M (w - v) = h Q(t + h/2, m, v) + J(m)' L + T(m)' P,   J(p) w = -dPhi/dt - Phi(q) / (10 h),   |P| <= mu load,
 % load of the corners of a slider: max(|R|, 2 |N| / length) of its own impulses L;   q <- q + h (v + w) / 2.
 1;  % a script, not a function file
+
+% laws of time
 
 function [value, rate] = law_at(law, t)
   switch law.type
@@ -33,6 +35,8 @@ function [value, rate] = law_at(law, t)
       end
   end
 end
+
+% mechanics
 
 function at = place(bodies, name)  % of a body among the coordinates; empty for the ground
   at = [];
@@ -130,8 +134,8 @@ function [w, P] = step(s, t, h)  % velocity after a step, and its friction impul
   slip = cellfun(@(guide) guide.slip, s.guides, "UniformOutput", false);
   T = rows_of(slip, middle); S = rows_of(slip, ahead); right = zeros(m, 1);
   for k = 1:m
-    [value, rate] = law_at(s.rows{k}.law, t + h);
-    right(k) = rate - (coordinate(s.rows{k}, ahead) - value) / (10 * h);
+    [~, rate] = law_at(s.rows{k}.law, t + h);
+    right(k) = rate - (coordinate(s.rows{k}, s.q) - law_at(s.rows{k}.law, t)) / (10 * h);
   end
   A = [diag(s.mass), -rows_of(s.rows, middle)'; rows_of(s.rows, ahead), zeros(m)];
   if rcond(A) < eps, fprintf(stderr, "constraints that depend on each other: a singular matrix\n"); exit(77); end

@@ -3,7 +3,7 @@
 Moreau's midpoint rule. In a step of length h from (q, v), with m = q + h v/2 and p = q + h v, the next velocity w and
 the impulses L of joints and drives and P of friction solve
 
-    M (w - v) = h Q(t + h/2, m, v) + J(m)' L + T(m)' P,    J(p) w = -dPhi/dt - Phi(p) / (10 h),    |P| <= mu load,
+    M (w - v) = h Q(t + h/2, m, v) + J(m)' L + T(m)' P,    J(p) w = -dPhi/dt - Phi(q) / (10 h),    |P| <= mu load,
     q <- q + h (v + w) / 2,    load of the corners of a slider: max(|R|, 2 |N| / length) of its own impulses L
 """
 
@@ -11,6 +11,8 @@ import bisect
 import json
 import math
 import sys
+
+# laws of time
 
 
 def law(data, t):
@@ -50,6 +52,9 @@ def spline(x, y):
     for i in range(n - 2, 0, -1):
         d[i] -= c[i] * d[i + 1]
     return d
+
+
+# mechanics
 
 
 class Mechanism:
@@ -124,8 +129,9 @@ class Mechanism:
         system = [[*(mass * (i == j) for j in range(n)), *(-row[i] for row in J), mass * v[i] + h * Q[i],
                    *(row[i] for row in T)] for i, mass in enumerate(self.mass)]
         for row in self.rows:
-            (value, there), (wanted, rate) = self.coordinate(row, ahead), law(row["law"], t + h)
-            system.append([*there, *[0.0] * m, rate - (value - wanted) / (10 * h), *[0.0] * len(T)])
+            error = self.coordinate(row, self.q)[0] - law(row["law"], t)[0]
+            wanted = law(row["law"], t + h)[1] - error / (10 * h)
+            system.append([*self.coordinate(row, ahead)[1], *[0.0] * m, wanted, *[0.0] * len(T)])
         free, *units = solved(system, n + m)
         slips = [self.coordinate(row, ahead)[1] for row, _ in self.guides]
         P = [0.0] * len(T)

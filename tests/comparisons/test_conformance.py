@@ -1,0 +1,107 @@
+"""Trial of a program: a right one passes, a wrong one is stopped by the simplest scene that shows its mistake, and its words name the cause."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+import tomli_w
+from typer.testing import CliRunner
+
+from stiction.cli.app import app
+from stiction.comparisons.conformance import conformance, conformance_scenes
+from stiction.scenes import InputError
+
+SOLVER = Path(__file__).parents[2] / "docs" / "examples" / "solvers" / "solver.py"
+WRAPPED = """
+import sys
+import solver
+scene, result, dt, output_step = sys.argv[1:]
+{before}
+solver.main(scene, result, dt, output_step)
+head, *rows = [line.split(",") for line in open(result).read().split()]
+rows = [[float(cell) for cell in row] for row in rows]
+def every(labels, change):
+    for row in rows:
+        for i, name in enumerate(head):
+            if name.rpartition(".")[2] in labels: row[i] = change(row[i])
+{behind}
+with open(result, "w") as file:
+    for row in [head, *rows]: print(*row, sep=",", file=file)
+"""
+POINTS = """
+coordinate = solver.Mechanism.coordinate
+def wrong(self, element, q):
+    return coordinate(self, {**element, "points": element["points"][::-1]} if element.get("points") and len(element["bodies"]) == 2 else element, q)
+solver.Mechanism.coordinate = wrong"""
+ARM = """
+turned = solver.turned
+solver.turned = lambda angle, point: turned(-angle, point)"""
+
+
+@pytest.fixture
+def declared(tmp_path):
+    def make(before="", behind="", **capabilities):
+        shutil.copy(SOLVER, tmp_path)
+        (tmp_path / "wrapped.py").write_text(WRAPPED.format(before=before, behind=behind))
+        path = tmp_path / "mine.toml"
+        path.write_text(tomli_w.dumps({
+            "name": "mine", "version": [sys.executable, "solver.py", "--version"],
+            "command": [sys.executable, "wrapped.py", "{scene}", "{result}", "{dt}", "{output_step}"],
+            "capabilities": {"friction_law": "Coulomb", "static_coefficient": True, **capabilities}}))
+        return str(path)
+    return make
+
+
+def test_a_right_one_passes_all(declared):
+    trials = list(conformance(declared(), 120))
+    assert [(trial.scene, trial.verdict) for trial in trials] == [(scene.name, "right") for scene in conformance_scenes()], trials
+
+
+@pytest.mark.parametrize(("behind", "scene", "words"), [
+    ("every(['angle', 'omega', 'alpha'], lambda x: 57.29577951308232 * x)", "free-body", "degrees"),
+    ("every(['angle', 'omega'], lambda x: -x)", "free-body", "other sign"),
+    ("every(['x', 'y', 'vx', 'vy'], lambda x: 1000 * x)", "free-body", "1000 times"),
+    ("head[1:3] = head[2], head[1]", "free-body", "order of"),
+    ("every(['t'], lambda t: 1000 * t)", "free-body", "time"),
+    ("every(['t'], lambda t: t + 0.1)", "free-body", "time"),
+    ("rows = rows[:50]", "free-body", "ends at"),
+    ("rows[1:] = [[row[0], *late[1:]] for row, late in zip(rows[1:], rows)]", "free-body", "a sample late"),
+    ("rows[7][2] = float('nan')", "free-body", "row 8"),
+    ("head[6] = 'stone.omeg'", "free-body", "did you mean 'stone.omega'"),
+    ("print('no memory', file=sys.stderr); sys.exit(3)", "free-body", "exit code 3: no memory"),
+], ids=range(11))
+def test_mistake_of_the_output(declared, behind, scene, words):
+    *right, wrong = conformance(declared(behind=behind), 120)
+    assert not right and wrong.scene == scene and wrong.verdict in ("wrong", "failed")
+    assert words in "\n".join(wrong.words)
+
+
+@pytest.mark.parametrize(("before", "scene"), [
+    ("solver.Mechanism.forces = lambda self, t, q, v: [0.0] * len(q)", "free-body"),
+    (POINTS, "pendulum-on-a-pin"), (ARM, "pendulum-on-a-pin"),
+    ("solver.load = lambda guide, R, N, kappa: abs(R) / 2", "block-on-incline"),
+    ("solver.load = lambda guide, R, N, kappa: abs(R)", "slider-bar-case-1"),
+    ("solver.law = lambda data, t, law=solver.law: (law(data, -t)[0], law(data, t)[1])", "slider-bar-case-1"),
+], ids=["no-weight", "order-of-points", "turned-back", "half-friction", "no-moment", "laws"])
+def test_mistake_of_the_mechanics_stops_at_the_first_scene_that_shows_it(declared, before, scene):
+    *right, wrong = conformance(declared(before), 120)
+    assert all(trial.verdict == "right" for trial in right)
+    assert (wrong.scene, wrong.verdict in ("wrong", "failed")) == (scene, True), (right, wrong)
+
+
+def test_a_refusal_is_none(declared):
+    trials = list(conformance(declared(friction_law=""), 120))
+    assert [trial.verdict for trial in trials] == ["right", "right", "refused", "refused"]
+
+
+def test_engines_that_are_no_programs():
+    with pytest.raises(InputError, match="FILE.toml"):
+        list(conformance("pymunk", 60))
+
+
+def test_command(declared):
+    runner = CliRunner()
+    ended = runner.invoke(app, ["engines", declared(behind="every(['y'], lambda y: -y)"), "--try"])
+    assert ended.exit_code == 1 and "free-body: wrong" in ended.output and "other sign" in ended.output and "pendulum" not in ended.output
+    assert runner.invoke(app, ["engines", "pymunk", "--try"]).exit_code == runner.invoke(app, ["engines", "--try"]).exit_code == 2

@@ -1,0 +1,196 @@
+"""Judgement of tables: the truth is right, every way to be wrong is seen, and nothing is charged that samples cannot show."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import stiction
+from stiction.comparisons.judgement import FOUND, INVENTED, MISSED, UNRESOLVED, judge
+from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.scenes import InputError, load_scene
+from stiction.scenes.result_table import ResultError, parse_units
+from stiction.scenes.trajectory import events_frame
+
+CASE = "slider-bar-case-1"
+POSITIONS, VELOCITIES = (".x", ".y", ".angle"), (".vx", ".vy", ".omega")
+
+
+def true_table(step=0.01, two_sided=False, name=CASE, **overrides):
+    """The truth itself as somebody's results."""
+    truth = ground_truth(load_scene(name, overrides))
+    t = np.append(np.arange(0.0, truth.t_end - step / 2, step), truth.t_end)
+    frame = pd.DataFrame({"t": t, **truth(t)})
+    if not two_sided:
+        return frame
+    sides = [{"t": event.time, **side} for event in truth.events for side in (event.before, event.after)]
+    return pd.concat([frame, pd.DataFrame(sides)]).sort_values("t", kind="stable", ignore_index=True)
+
+
+def only(frame, *endings):
+    return frame[["t", *(name for name in frame if name.endswith(endings))]]
+
+
+def error_of(judged, column):
+    return judged.tables["errors"].set_index("column").loc[column]
+
+
+def verdicts(judged):
+    return list(judged.tables["stick-phases"]["verdict"])
+
+
+@pytest.fixture(scope="module")
+def frame():
+    return true_table()
+
+
+class TestRight:
+    @pytest.mark.parametrize("two_sided", [False, True])
+    def test_truth_is_right_in_every_respect(self, compiled, two_sided):
+        judged = judge(CASE, true_table(two_sided=two_sided))
+        table = judged.tables["errors"]
+        assert (table["error"] <= table["uncertainty"] + 1e-12).all() and set(table["hint"]) == {""}
+        assert judged.error < 1e-12 and judged.is_complete and not judged.is_misread
+        assert set(verdicts(judged)) == {FOUND}
+        assert judged.tables["jumps"]["resolved"].all() and len(judged.tables["jumps"]) == 15
+        assert judged.tables["findings"].empty
+        summary = judged.tables["summary"].loc[0]
+        assert summary["energy error [J]"] <= summary["energy uncertainty [J]"] < 0.01 * summary["energy exchanged [J]"]
+
+    def test_two_sides_make_efforts_exact(self, compiled):
+        judged = judge(CASE, true_table(two_sided=True))
+        assert error_of(judged, "motor.effort")["uncertainty"] < 1e-8
+        assert judged.tables["summary"].at[0, "events matched"] == 25
+        assert judged.tables["jumps"]["jump error [N m]"].abs().max() < 1e-9
+
+    def test_positions_are_enough(self, compiled, frame):
+        judged = judge(CASE, only(frame, *POSITIONS))
+        assert judged.error < 1e-12 and set(verdicts(judged)) == {FOUND}
+        assert judged.tables["summary"].at[0, "position drift, max [m]"] < 1e-12
+        assert "energy" in str(judged)
+
+    def test_nothing_between_samples_is_charged(self, compiled):
+        """A tenth of a second between samples bends an interpolated position by millimetres."""
+        judged = judge(CASE, true_table(step=0.1))
+        effort = error_of(judged, "motor.effort")
+        assert judged.error < 1e-12 and effort["error"] <= effort["uncertainty"]
+
+    def test_a_run_of_ours(self, compiled):
+        run = stiction.load_engine("reference").simulate(load_scene(CASE), t_end=8, rtol=1e-10)
+        judged = stiction.judge(load_scene(CASE), run, t_end=8)
+        assert judged.error < 1e-9 and judged.is_complete
+
+    def test_angles_may_be_wrapped(self, compiled, frame):
+        wrapped = frame.assign(**{"bar.angle": np.angle(np.exp(1j * frame["bar.angle"]))})
+        judged = judge(CASE, only(wrapped, *POSITIONS))
+        assert judged.error < 1e-12 and judged.tables["summary"].at[0, "position drift, max [m]"] < 1e-12
+
+
+class TestWrong:
+    def test_another_friction_coefficient(self, compiled, frame):
+        other = true_table(mu=0.035)
+        judged = judge(CASE, other)
+        assert judged.error == pytest.approx(np.abs(other["slider.x"] - frame["slider.x"]).max(), rel=0.01)
+        assert INVENTED in verdicts(judged) and not judged.is_misread
+        assert any("friction" in finding for finding in judged.tables["findings"]["finding"])
+
+    def test_creep_is_no_stick(self, compiled, frame):
+        creeping = frame.assign(**{"guide.slip_velocity": frame["guide.slip_velocity"] + 0.01})
+        assert set(verdicts(judge(CASE, only(creeping, ".slip_velocity")))) == {MISSED}
+
+    def test_millimetres_and_degrees(self, compiled, frame):
+        frame = only(frame, *POSITIONS, *VELOCITIES, ".effort")
+        scale = [1 if name == "t" else 180 / np.pi if name.endswith((".angle", ".omega")) else 1e3 for name in frame]
+        wrong = judge(CASE, frame * scale)
+        assert wrong.is_misread and any("deg" in hint for hint in wrong.hints) and any("mm" in hint for hint in wrong.hints)
+        right = judge(CASE, frame * scale, units=parse_units("mm,deg"))
+        assert right.error < 1e-12 and not right.hints
+
+    @pytest.mark.parametrize(("step", "word"), [(1, "late"), (-1, "early")])
+    def test_a_step_off(self, compiled, frame, step, word):
+        shifted = only(frame, *POSITIONS).shift(step).ffill().bfill().assign(t=frame["t"])
+        judged = judge(CASE, shifted)
+        [(hint, columns)] = judged.hints.items()
+        assert word in hint and "slider.x" in columns and not judged.is_misread
+        assert judged.error == pytest.approx(0.01 * frame["bar.vx"].abs().max(), rel=0.1)
+
+    def test_a_reversed_sign(self, compiled, frame):
+        frame = only(frame, *POSITIONS, ".effort")
+        frame = frame.assign(**{"motor.effort": -frame["motor.effort"]})
+        judged = judge(CASE, frame)
+        assert judged.is_misread and list(judged.hints.values()) == [["motor.effort"]] and judged.error < 1e-12
+        assert not judge(CASE, frame, {"motor.effort": "-motor.effort"}).hints
+
+    def test_another_origin(self, compiled, frame):
+        judged = judge(CASE, only(frame, "slider.x").assign(**{"slider.x": frame["slider.x"] - 0.25}))
+        assert judged.is_misread and judged.error == pytest.approx(0.25)
+
+    def test_energy_that_is_not_accounted_for(self, compiled, frame):
+        summary = judge(CASE, frame.assign(**{"motor.effort": 1.1 * frame["motor.effort"]})).tables["summary"].loc[0]
+        assert summary["energy error [J]"] > 3 * summary["energy uncertainty [J]"]
+
+    def test_velocities_of_another_motion(self, compiled, frame):
+        frame = only(frame, *POSITIONS, *VELOCITIES)
+        faster = frame.assign(**{"slider.vx": 1.2 * frame["slider.vx"], "bar.vx": 1.2 * frame["bar.vx"]})
+        assert any("velocities" in finding for finding in judge(CASE, faster).tables["findings"]["finding"])
+
+    def test_states_off_the_constraints(self, compiled, frame):
+        off = frame.assign(**{"slider.y": frame["slider.y"] + 1e-3 * frame["t"]})
+        judged = judge(CASE, only(off, *POSITIONS))
+        assert judged.tables["summary"].at[0, "position drift, max [m]"] == pytest.approx(0.024 * np.sqrt(2), rel=0.01)
+
+    def test_what_a_table_does_not_cover_is_not_counted(self, compiled, frame):
+        late = judge(CASE, frame[frame["t"] >= 19])
+        assert not late.is_complete and verdicts(late) == [FOUND]
+        assert late.tables["jumps"]["event time [s]"].min() >= 19 and late.tables["jumps"]["resolved"].all()
+
+    def test_two_rows_are_a_table(self, compiled, frame):
+        judged = judge(CASE, frame[:2])
+        assert judged.error < 1e-12 and not judged.is_complete and not verdicts(judged)
+
+    def test_half_a_table_is_not_complete(self, compiled, frame):
+        half = frame[frame["t"] <= 12]
+        assert not judge(CASE, half).is_complete
+        assert judge(CASE, half, t_end=12).is_complete
+
+
+class TestSampling:
+    def test_short_stick_phases_are_not_charged(self, compiled):
+        """At F0 = 4.1 N one of them takes 7.4 ms."""
+        scene = load_scene(CASE, {"F0": 4.1})
+        assert sorted(verdicts(judge(scene, true_table(F0=4.1)))) == [FOUND, FOUND, UNRESOLVED]
+        assert set(verdicts(judge(scene, true_table(step=1e-3, F0=4.1)))) == {FOUND}
+
+    def test_jumps_between_neighbouring_events_cannot_be_read(self, compiled):
+        jumps = judge(CASE, true_table(step=0.1)).tables["jumps"]
+        assert not jumps["resolved"].all() and not jumps["readable"].all()
+        assert judge(CASE, true_table(step=2e-3)).tables["jumps"]["resolved"].all()
+
+
+class TestTruths:
+    def test_our_own_run_is_called_so(self, compiled):
+        judged = judge("hard/peak-of-the-load", true_table(name="hard/peak-of-the-load"))
+        assert judged.error < 1e-12 and "not independent" in str(judged)
+
+    def test_without_a_truth_the_table_is_held_against_itself(self, compiled):
+        run = stiction.load_engine("reference").simulate(load_scene("painleve-rod"))
+        judged = judge("painleve-rod", run)
+        assert judged.error is None and "no truth" in str(judged) and judged.tables["findings"].empty
+        torn = run.to_frame()
+        torn["rod.x"] += 0.3 * (torn["t"] > 0.03)
+        assert len(judge("painleve-rod", torn).tables["findings"])
+
+    def test_a_scene_without_friction(self, compiled):
+        judged = judge("pendulum", true_table(name="pendulum"))
+        assert judged.error < 1e-12 and judged.tables["stick-phases"].empty
+
+
+def test_events_of_a_table_without_modes_are_those_of_the_truth(compiled):
+    judged = judge(CASE, only(true_table(two_sided=True), ".x", ".effort"))
+    found, true = events_frame(judged.trajectory.events), events_frame(judged.truth.events)
+    assert list(found["kind"]) == list(true["kind"])
+
+
+@pytest.mark.parametrize("wrong", [b"", 3, {"t": [0, 1]}, "nowhere.csv", pd.DataFrame()])
+def test_what_is_no_table(wrong):
+    with pytest.raises((ResultError, InputError)):
+        judge(CASE, wrong)

@@ -1,0 +1,302 @@
+"""A program as an engine: what it is given, what becomes of its result, and what becomes of its failures."""
+
+import inspect
+import json
+import os
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+import tomli_w
+
+from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
+from stiction.comparisons.campaigns.participants import variants
+from stiction.comparisons.digest import circumstances, digest
+from stiction.comparisons.timing.rounds import seconds_of
+from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Refused, UnknownEngine, load_engine,
+                              run_isolated)
+from stiction.engines.program import declaration
+from stiction.engines.program.declaration import Declaration
+from stiction.engines.program.engine import DIFFERENCES, ProgramError
+from stiction.scenes import InputError, load_scene, scene_from_dict, vary
+
+BALL = scene_from_dict({"t_end": 1, "gravity": [0, -10], "bodies": {"ball": {"mass": 2, "inertia": 1, "velocity": [3, 4], "angular_velocity": 5}}},
+                       name="ball")
+# free flight, exactly; what a test adds comes before or behind it
+FLIGHT = """
+import json, math, os, sys, time
+scene_file, result_file, dt, output_step, *others = sys.argv[1:]
+scene = json.load(open(scene_file))["scene"]
+body, (gx, gy), n = scene["bodies"]["ball"], scene["gravity"], round(scene["t_end"] / float(output_step))
+rows = [[t, vx * t + gx * t * t / 2, vy * t + gy * t * t / 2, w * t, vx + gx * t, vy + gy * t, w, gx, gy, 0]
+        for t in (scene["t_end"] * k / n for k in range(n + 1)) for (vx, vy), w in [(body["velocity"], body["angular_velocity"])]]
+names = ["t", *("ball." + name for name in "x y angle vx vy omega ax ay alpha".split())]
+def write(rows, names=names):
+    with open(result_file, "w") as file:
+        for row in [names, *rows]: print(*row, sep=",", file=file)
+"""
+GOOD = "write(rows)"
+
+
+@pytest.fixture
+def program(tmp_path):
+    """A declared program of Python's text; returns the path of its declaration."""
+    def make(text=GOOD, name="flight", **changes):
+        (tmp_path / f"{name}.py").write_text(FLIGHT + text)
+        (tmp_path / f"{name}_version.py").write_text("print('flight 1.0')")
+        declared = {"name": name, "version": [sys.executable, f"{name}_version.py"],
+                    "command": [sys.executable, f"{name}.py", "{scene}", "{result}", "{dt}", "{output_step}"], **changes}
+        path = tmp_path / f"{name}.toml"
+        path.write_text(tomli_w.dumps(declared))
+        return str(path)
+    return make
+
+
+def simulate(engine, scene=BALL, **arguments):
+    return load_engine(engine).simulate(scene, **{"output_step": 0.1, **arguments})
+
+
+class TestResult:
+    def test_motion_and_everything_else_that_a_trajectory_has(self, program):
+        found = simulate(program(), dt=0.01)
+        t = np.linspace(0, 1, 11)
+        assert (found.engine, found.version, found.scene) == ("flight", "flight 1.0", "ball")
+        np.testing.assert_allclose(found["ball.y"], 4 * t - 5 * t ** 2, atol=1e-14)
+        assert found.settings["dt"] == 0.01 and "accelerations" not in found.settings
+        assert found.cost.stepping_s > 0.001  # of the program, which Python alone takes to start
+
+    def test_parquet(self, program):
+        text = "import pandas as pd\npd.DataFrame(rows, columns=names).to_parquet(result_file)"
+        np.testing.assert_array_equal(simulate(program(text, result="parquet"))["ball.x"], simulate(program())["ball.x"])
+
+    def test_accelerations_left_out_are_differences_and_the_run_says_so(self, program):
+        found = simulate(program("write([row[:7] for row in rows], names[:7])"))
+        np.testing.assert_allclose(found["ball.ay"], -10, rtol=1e-12)
+        assert found.settings["accelerations"] == DIFFERENCES
+
+    def test_reactions_are_recovered_where_not_given(self, program):
+        """A block held by a guide without friction: its normal force is its weight, whatever the program says of it."""
+        scene = vary(BALL, {"bodies.ball.velocity": [3, 0], "bodies.ball.angular_velocity": 0,
+                            "joints": {"guide": {"type": "translational", "slider": "ball"}}})
+        held = "rows = [[row[0], row[1], 0, 0, row[4], 0, 0, 0, 0, 0] for row in rows]\n"
+        np.testing.assert_allclose(simulate(program(held + GOOD), scene)["guide.normal_force"], 20)
+        given = held + "write([[*row, 20.5] for row in rows], [*names, 'guide.normal_force'])"
+        np.testing.assert_allclose(simulate(program(given), scene)["guide.normal_force"], 20.5)
+
+    def test_counters_setup_and_reason_of_an_early_end(self, program):
+        text = "write(rows[:6])\njson.dump({'counters': {'steps': 7}, 'setup_s': 1e-4, 'termination': 'no solution'}, open(others[0], 'w'))"
+        found = simulate(program(text, command=[sys.executable, "flight.py", "{scene}", "{result}", "{dt}", "{output_step}", "{events}"]))
+        assert found.termination == "no solution" and found.t[-1] == 0.5
+        assert found.cost.counters == {"steps": 7} and found.cost.setup_s == 1e-4
+
+    def test_cpu_time_of_a_program_counts(self, program):
+        engine = load_engine(program("until = time.process_time() + 0.3\nwhile time.process_time() < until: pass\n" + GOOD))
+        found, seconds = seconds_of(lambda: engine.simulate(BALL, output_step=0.1))
+        assert 0.3 <= found.cost.stepping_s <= seconds
+
+    def test_settings_environment_and_folder(self, program, tmp_path):
+        (tmp_path / "place").mkdir()
+        path = program("open(others[0], 'w').write(json.dumps([others[1:], os.environ['MINE'], os.getcwd()]))\n" + GOOD, folder="place",
+                       version=[sys.executable, "../flight_version.py"], settings={"level": 3, "way": "a b"}, environment={"MINE": "x;y"},
+                       command=[sys.executable, "../flight.py", "{scene}", "{result}", "{dt}", "{output_step}", "seen.json", "{settings}"])
+        simulate(path, level=4)
+        assert json.loads((tmp_path / "place/seen.json").read_text()) == [["level=4", "way=a b"], "x;y", str(tmp_path / "place")]
+        with pytest.raises(InputError, match="levle"):
+            simulate(path, levle=4)
+
+    def test_tolerance_instead_of_a_step(self, program):
+        path = program("assert dt == '1e-09'\n" + GOOD, capabilities={"adaptive": True},
+                       command=[sys.executable, "flight.py", "{scene}", "{result}", "{rtol}", "{output_step}"])
+        assert simulate(path, rtol=1e-9).settings["rtol"] == 1e-9
+        with pytest.raises(InputError, match="dt"):
+            simulate(path, dt=1e-3)
+
+    def test_no_value_of_a_scene_is_read_by_a_shell(self, program, tmp_path):
+        scene = scene_from_dict({**BALL._raw, "title": "$(touch pwned); touch pwned"}, name="`touch pwned`; touch pwned")
+        assert simulate(program(), scene).scene == scene.name
+        assert not list(tmp_path.rglob("pwned")) and not Path("pwned").exists()
+
+
+BLOCK = scene_from_dict({"t_end": 1, "gravity": [0, -10], "bodies": {"ball": {"mass": 1, "inertia": 1, "velocity": [1, 0]}},
+                         "joints": {"guide": {"type": "translational", "slider": "ball", "mu": 0.2}}}, name="block")
+STOPS = """
+rows = [[t, t - t * t, 0, 0, 1 - 2 * t, 0, 0, -2, 0, 0, 1] for t in (0, 0.1, 0.2, 0.3, 0.4, 0.5)]
+rows += [[t, 0.25, 0, 0, 0, 0, 0, 0, 0, 0, 0] for t in (0.5, 0.6, 0.7, 0.8, 0.9, 1)]
+write(rows, [*names, "guide.mode"])
+json.dump({"events": [{"time": WHEN, "kind": "stick", "joint": "guide"}]}, open(others[0], "w"))
+"""
+
+
+class TestEvents:
+    @pytest.fixture
+    def stopping(self, program):
+        return lambda when: program(STOPS.replace("WHEN", when), command=[
+            sys.executable, "flight.py", "{scene}", "{result}", "{dt}", "{output_step}", "{events}"],
+            capabilities={"locates_events": True, "friction_law": "Coulomb"})
+
+    def test_both_rows_of_its_time_are_its_sides(self, stopping):
+        found = simulate(stopping("0.5"), BLOCK)
+        [event] = found.events
+        assert (event.time, event.kind, event.jump("ball.ax"), event.jump("guide.mode")) == (0.5, "stick", 2, -1)
+        assert event.jump("guide.friction") == pytest.approx(2) and len(found.t) == 11
+
+    @pytest.mark.parametrize("when", ["0.45", "0.4", "7", '"soon"', "None"])
+    def test_one_without_rows_is_a_failure(self, stopping, when):
+        with pytest.raises(BadTrajectory, match="events|two rows"):
+            simulate(stopping(when), BLOCK)
+
+
+class TestRefusals:
+    def test_by_exit_code(self, program):
+        with pytest.raises(Refused, match="no such joint"):
+            simulate(program("print('no such joint', file=sys.stderr); sys.exit(77)"))
+
+    @pytest.mark.parametrize(("can", "words"), [({}, "friction law"), ({"friction_law": "Coulomb"}, "mus")])
+    def test_by_what_is_declared(self, program, can, words):
+        with pytest.raises(Refused, match=words):
+            simulate(program(capabilities=can), load_scene("slider-bar-case-1"))
+
+
+FAILURES = {
+    "crash": ("print('first'); print('bad pivot in step 3', file=sys.stderr); sys.exit(5)", "exit code 5.*bad pivot in step 3"),
+    "exception": ("raise RuntimeError('boom')", "exit code 1.*RuntimeError: boom"),
+    "killed": ("import signal; os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV"),
+    "silent": ("sys.exit(3)", "exit code 3: nothing was printed"),
+    "no-result": ("", "no file"),
+    "empty": ("open(result_file, 'w')", "cannot be used"),
+    "half-a-file": ("write(rows)\ntext = open(result_file).read()\nopen(result_file, 'w').write(text[:len(text) // 2].rpartition(',')[0])", "cannot be used"),
+    "half-of-the-time": ("write(rows[:6])", "up to 0.5 s and no reason"),
+    "garbage": ("open(result_file, 'wb').write(os.urandom(10000))", "cannot be used"),
+    "nan": ("rows[3][2] = math.nan\nwrite(rows)", "ball.y, row 4"),
+    "no-velocities": ("write([row[:4] for row in rows], names[:4])", "no column ball.vx"),
+    "other-units": ("write([[row[0] * 1000, *row[1:]] for row in rows])", "time"),
+    "wrong-start": ("write([[row[0], row[1] + 1, *row[2:]] for row in rows])", "start that is not the scene's"),
+    "gigabytes": ("file = open(result_file, 'w')\nwhile True: file.write('0' * 100000)", "result.csv: reached the limit of 1 MiB"),
+    "talkative": ("while True: sys.stderr.write('no' * 50000); sys.stdout.write('yes' * 50000)", "printed.txt: reached the limit of 1 MiB"),
+    "hang": ("import subprocess\nchild = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])\n"
+             "open(os.path.join(os.path.dirname(sys.argv[0]), 'pids'), 'w').write(f'{os.getpid()} {child.pid} {os.path.dirname(result_file)}')\n"
+             "time.sleep(600)", "no result within"),
+}
+
+
+class TestFailures:
+    def test_each_is_a_row_and_nothing_is_lost(self, program, tmp_path):
+        """One campaign of them all, a good one and one that is not there; what hangs is gone with its child process and its files."""
+        names = {name: program(text, name=name, largest_file=1) for name, (text, _) in FAILURES.items()} | {"good": program(name="good")}
+        absent = program(name="absent", command=["./absent", "{scene}", "{result}", "{dt}"])
+        jobs = [Job(name, path, BALL, {"output_step": 0.1}) for name, path in [*names.items(), ("absent", absent)]]
+        outcomes = {outcome.label: outcome for outcome in run_isolated(jobs, workers=2, timeout_s=15)}
+        assert list(outcomes) == [job.label for job in jobs]
+        assert outcomes["good"].status == "ok" and outcomes["absent"].status == "missing" and "absent" in outcomes["absent"].reason
+        for name, (_, words) in FAILURES.items():
+            outcome = outcomes[name]
+            assert outcome.status == ("timed out" if name == "hang" else "failed"), (name, outcome)
+            assert not outcome.bug
+            with pytest.raises(EngineFailure, match=words):
+                raise EngineFailure(outcome.reason)
+        *pids, scratch = (tmp_path / "pids").read_text().split()
+        until = time.monotonic() + 20
+        while any(map(runs, map(int, pids))) or os.path.exists(scratch):
+            assert time.monotonic() < until, "the program outlives its child process"
+            time.sleep(0.05)
+
+    def test_what_a_program_leaves_running_ends_with_it(self, program, tmp_path):
+        text = ("import subprocess\nchild = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])\n"
+                "open(os.path.join(os.path.dirname(sys.argv[0]), 'pids'), 'w').write(str(child.pid))\n" + GOOD)
+        simulate(program(text))
+        assert not runs(int((tmp_path / "pids").read_text()))
+
+    @pytest.mark.parametrize("program_of", ["not-there", "./not-there", "{folder}", "{text}"])
+    @pytest.mark.parametrize("key", ["command", "version"])
+    def test_missing_program(self, program, tmp_path, program_of, key):
+        (tmp_path / "text").write_text("not executable")
+        word = program_of.format(folder=tmp_path, text=tmp_path / "text")
+        with pytest.raises(EngineMissing, match="found no program"):
+            load_engine(program(**{key: [word, "{scene}", "{result}", "{dt}"]}))
+
+    @pytest.mark.parametrize("text", ["import sys; sys.exit(3)", "", "import os; os.abort()"])
+    def test_no_version(self, program, tmp_path, text):
+        path = program()
+        (tmp_path / "flight_version.py").write_text(text)
+        with pytest.raises(EngineMissing, match="version command fails"):
+            load_engine(path)
+
+
+def runs(pid):
+    return psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+
+
+class TestDeclaration:
+    @pytest.mark.parametrize(("change", "words"), [
+        ({"command": ["python3", "{scene}", "{result}", "{dt}", "{outputstep}"]}, "outputstep.*did you mean 'output_step'"),
+        ({"command": ["python3", "{scene}", "{dt}"]}, "{result}"),
+        ({"command": ["python3", "{scene}", "{result}"]}, "{dt}"),
+        ({"command": ["python3", "{scene}", "{result}", "{dt}", "{rtol}"]}, "{rtol}"),
+        ({"command": ["python3", "{scene}", "{result}", "{dt}", "--{settings}"]}, "argument of its own"),
+        ({"command": ["{scene}", "{scene}", "{result}", "{dt}"]}, "not a placeholder"),
+        ({"command": "python3 {scene} {result} {dt}"}, "command"),
+        ({"command": []}, "command"),
+        ({"settings": {"a": 1}}, "{settings}"),
+        ({"settings": {"a": [1]}}, "settings"),
+        ({"capabilities": {"locates_events": True}}, "{events}"),
+        ({"capabilities": {"adaptive": "no"}}, "capabilities.adaptive"),
+        ({"capabilities": {"fidelty": "joint"}}, "did you mean 'fidelity'"),
+        ({"capabilities": {"fidelity": "beam"}}, "capabilities.fidelity"),
+        ({"enviroment": {}}, "did you mean 'environment'"),
+        ({"name": "two words"}, "name"),
+        ({"name": "pymunk"}, "another name"),
+        ({"result": "xlsx"}, "result"),
+        ({"largest_file": 0}, "largest_file"),
+    ], ids=range(19))
+    def test_what_is_wrong_is_named(self, program, change, words):
+        with pytest.raises(ProgramError, match=words):
+            load_engine(program(**change))
+
+    def test_example_of_the_module_is_one(self):
+        text = inspect.getdoc(declaration).partition("\n")[2]
+        assert Declaration.model_validate(tomllib.loads(text)).capabilities.friction_law
+
+    def test_file_that_is_not_there_or_no_toml(self, tmp_path):
+        (tmp_path / "x.toml").write_text("name = ")
+        with pytest.raises(ProgramError, match="file"):
+            load_engine(str(tmp_path / "x.toml"))
+        with pytest.raises(UnknownEngine, match="no file"):
+            load_engine(str(tmp_path / "y.toml"))
+
+
+class TestIdentity:
+    @pytest.mark.parametrize("change", ["declaration", "program", "version"])
+    def test_kept_runs_are_of_the_same_declaration_program_and_version(self, program, tmp_path, change):
+        path = program()
+        before = digest(circumstances([path]))
+        assert digest(circumstances([path])) == before
+        if change == "declaration":
+            program(environment={"A": "1"})
+        elif change == "program":
+            program(GOOD + "  # another")
+        else:
+            (tmp_path / "flight_version.py").write_text("print('flight 1.1')")
+            program(GOOD + "#")
+        assert digest(circumstances([path])) != before
+
+    def test_child_processes_and_tables_know_it_from_any_folder(self, program, tmp_path, monkeypatch):
+        path = program()
+        monkeypatch.chdir(tmp_path)
+        [variant] = [variant for variant in variants(["flight.toml"]) if variant.label == "flight"]
+        assert variant.engine == path and variant.stands_for == "flight"
+        [outcome] = run_isolated([Job("ball", "flight.toml", BALL, {"output_step": 0.1})], timeout_s=60)
+        assert outcome.status == "ok", outcome
+
+    def test_campaign_names_it_relative_to_itself(self, program, tmp_path):
+        path, campaign = program(), tmp_path / "campaign.toml"
+        text = 'scenes = ["pendulum"]\n[variants.flight]\nengine = "{}"\ndt = [1e-2]\n'
+        campaign.write_text(text.format("flight.toml"))
+        [variant] = load_campaign(campaign).variants
+        assert (variant.engine, variant.stands_for) == (path, "flight")
+        campaign.write_text(text.format("flihgt.toml"))
+        with pytest.raises(CampaignError, match="flihgt"):
+            load_campaign(campaign)

@@ -63,7 +63,7 @@ class FmuEngine(DeclaredEngine):
         self._fmpy = accepted("fmpy", fmpy.__version__)
         self.map_file = file.with_name(file.stem + MAP)
         chosen = _read_map(self.map_file) if self.map_file.is_file() else Map()
-        self.variables, self.interface, binaries = _read(file, chosen, self.map_file.name)
+        self.variables, self.interface, binaries = _read(file, chosen, self.map_file)
         if (library := self._library()) not in binaries:
             found = ", ".join(sorted({name.split("/")[1] for name in binaries})) or "none"
             raise EngineMissing(f"{self.name}: found binaries for {found}; expected {library} in the FMU")
@@ -208,7 +208,7 @@ def _read_map(path: Path) -> Map:
         raise FmuError(str(path), problems_in_tables(error, Map, {"capabilities": FmuDeclared})) from None
 
 
-def _read(file: Path, chosen: Map, map_name: str) -> tuple[Variables, str, list[str]]:
+def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str, list[str]]:
     """Variables and interface of an FMU, and the names of its binaries.
 
     Raises
@@ -236,15 +236,15 @@ def _read(file: Path, chosen: Map, map_name: str) -> tuple[Variables, str, list[
                                            f"{' and '.join(have) or 'no interface'}", "expected co-simulation or model "
                                            "exchange of FMI 2 or 3")])
     if chosen.interface and chosen.interface not in have:
-        raise FmuError(map_name, [Problem("interface", shown(chosen.interface), f"expected {' or '.join(have)}: the "
-                                          "FMU has no other")])
+        raise FmuError(str(map_file), [Problem("interface", shown(chosen.interface), f"expected {' or '.join(have)}: "
+                                               "the FMU has no other")])
     interface = chosen.interface or have[0]
     if chosen.capabilities.locates_events and interface == CO_SIMULATION:
-        raise FmuError(map_name, [Problem("capabilities.locates_events", "true", "expected false: co-simulation "
-                                          "does not stop at events")])
-    variables = Variables(description, chosen, map_name)
+        raise FmuError(str(map_file), [Problem("capabilities.locates_events", "true", "expected false: "
+                                               "co-simulation does not stop at events")])
+    variables = Variables(description, chosen, map_file.name)
     if problems := list(variables.problems()):
-        raise FmuError(map_name, problems)
+        raise FmuError(str(map_file), problems)
     return variables, interface, binaries
 
 

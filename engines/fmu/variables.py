@@ -114,11 +114,13 @@ class Variables:
         known = self.by_name
         for table, values in (("columns", self.map.columns), ("parameters", self.map.parameters)):
             for key, value in values.items():
-                name = value.removeprefix("-") if isinstance(value, str) and table == "columns" else value
-                if isinstance(name, str) and name and name not in known:
+                if not isinstance(value, str) or table == "parameters" and not value:
+                    continue
+                name = value.removeprefix("-") if table == "columns" else value
+                if name not in known:
                     yield Problem(f"{table}.{key}", shown(value), "expected a variable of the FMU: "
                                                                   f"{names(known)}{did_you_mean(name, known)}")
-                elif isinstance(name, str) and name and not _is_number(known[name]):
+                elif not _is_number(known[name]):
                     yield Problem(f"{table}.{key}", f"{shown(value)}, {known[name].type}", "expected a number alone")
 
     def sources(self, scene: Scene) -> dict[str, str | float]:

@@ -181,6 +181,7 @@ def test_accelerations_that_are_not_there_are_differences(exchange):
     ("interfaces = 1", "interfaces.*interface"),
     ('interface = "co-simulation"', "model exchange"),
     ('[columns]\nslider.x = "slider.xx"', "slider.xx.*slider.x"),
+    ('[columns]\nslider.x = ""', "slider.x"),
     ('[parameters]\nmu = "stiction.scene"', "parameters.mu"),
     ("[capabilities]\nfidelity = 1", "fidelity"),
     ("[columns", "TOML"),

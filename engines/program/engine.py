@@ -122,7 +122,7 @@ class ProgramEngine(DeclaredEngine):
     def _digests(self) -> bytes:
         """Digests of the files that the command names: a program may change without a new version."""
         paths = [self._program, *(self.folder / word for word in self.declaration.command[1:])]
-        return b"".join(hashlib.sha256(path.read_bytes()).digest() for path in paths if path.is_file())
+        return b"".join(_digest(path, path.stat().st_mtime_ns, path.stat().st_size) for path in paths if path.is_file())
 
     def content(self) -> bytes:
         return self.file.read_bytes() + self.version.encode() + self._digests()
@@ -224,6 +224,12 @@ def _read(file: Path) -> Declaration:
         raise ProgramError(str(file), [Problem("name", shown(declaration.name), "expected another name: an engine of "
                                                "the suite has it")])
     return declaration
+
+
+@lru_cache(maxsize=64)
+def _digest(path: Path, changed_ns: int, size: int) -> bytes:
+    """Digest of a file, read again where its time or its size has changed."""
+    return hashlib.sha256(path.read_bytes()).digest()
 
 
 @lru_cache(maxsize=64)

@@ -1,6 +1,7 @@
-"""Engines by name: those of the suite, those that other packages announce, any class by its address, any program.
+"""Engines by name: those of the suite, those that other packages announce, any class by its address, and files.
 
-A program is named by the path of its declaration, which ends in ``.toml``. Nothing but such a name runs a program.
+A program is named by the path of its declaration, which ends in ``.toml``, an FMU by its own, which ends in ``.fmu``.
+Nothing but such a name runs a program or what an FMU contains.
 """
 
 from __future__ import annotations
@@ -32,11 +33,13 @@ BUILT_IN = {"reference": "stiction.engines.reference.engine:ReferenceEngine",
 EXTRAS = ("pybullet", "mujoco", "drake", "dart")
 """Engines that an installation may lack; extras of the same names bring them."""
 _PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mujoco": "mujoco-core", "drake": "drake",
-             "dart": "dartpy"}
-"""Of the suite's engines that are not its own, as pip knows them."""
+             "dart": "dartpy", ".fmu": "fmpy"}
+"""Of the suite's engines that are not its own, and of files, as pip knows them."""
 _OWN_PACKAGE = "stiction"
 PROGRAM = ".toml"
 """Ending of the names of engines that are programs, `stiction.engines.program`."""
+FILES = {PROGRAM: "stiction.engines.program.engine:ProgramEngine", ".fmu": "stiction.engines.fmu.engine:FmuEngine"}
+"""Addresses of the engines that are files by the ending of their names; the classes take the absolute path."""
 
 
 class UnknownEngine(InputError):
@@ -69,14 +72,19 @@ def engine_names() -> list[str]:
     return [*BUILT_IN, *sorted(_announced(tuple(sys.path)).keys() - BUILT_IN.keys())]
 
 
+def is_file(name: str) -> bool:
+    """Return True for the name of an engine that is a file: a program or an FMU."""
+    return name.endswith(tuple(FILES))
+
+
 def absolute_name(name: str) -> str:
-    """Return the name of an engine as processes in other folders know it: of a program the absolute path."""
-    return str(Path(name).resolve()) if name.endswith(PROGRAM) else name
+    """Return the name of an engine as processes in other folders know it: of a file the absolute path."""
+    return str(Path(name).resolve()) if is_file(name) else name
 
 
 def label_of(name: str) -> str:
-    """Return the name of an engine for tables and legends: of a program the one that it declares, if it is there."""
-    if not name.endswith(PROGRAM):
+    """Return the name of an engine for tables and legends: of a file the one that it declares, if it is there."""
+    if not is_file(name):
         return name
     try:
         return load_engine(name).name
@@ -101,25 +109,24 @@ def load_engine(name: str) -> Engine:
     name
         One of `engine_names()`, or ``"module:Class"``. The class derives from `Engine` and takes no
         arguments. Other packages announce theirs in the entry point group ``stiction.engines``;
-        the suite's own names come first. Or the path of the declaration of a program, ``"mysolver.toml"``.
+        the suite's own names come first. Or the path of the declaration of a program, ``"mysolver.toml"``, or of an
+        FMU, ``"model.fmu"``.
 
     Raises
     ------
     UnknownEngine
         If nothing has this name, or what has it is not an `Engine`, or lacks something that is `OBLIGATORY`.
     InputError
-        If the declaration of a program cannot be used; it lists all problems.
+        If the declaration of a program or an FMU cannot be used; it lists all problems.
     EngineMissing
         If the engine's package is not installed, too old, broken or cannot be imported; the message says what to
         install. Of an engine that another package announces whatever its adapter raises is one, so that the other
         engines go on.
     """
-    if name.endswith(PROGRAM):
-        from stiction.engines.program.engine import ProgramEngine  # most runs have none
-
+    if is_file(name):
         if not Path(name).is_file():
-            raise UnknownEngine(f"engine: found no file {name!r}; expected the declaration of a program")
-        return ProgramEngine(Path(name).resolve())
+            raise UnknownEngine(f"engine: found no file {name!r}; expected the declaration of a program, or an FMU")
+        return _of_file(Path(name).resolve())
     if name not in BUILT_IN and name not in _announced(tuple(sys.path)):
         _announced.cache_clear()  # its package may have been installed since
     others = _announced(tuple(sys.path))
@@ -128,8 +135,8 @@ def load_engine(name: str) -> Engine:
     module, _, attribute = address.partition(":")
     if not module or not attribute:
         close = difflib.get_close_matches(name, addresses, n=1)
-        raise UnknownEngine(f"engine: found {name!r}; expected {', '.join(engine_names())}, 'module:Class' or "
-                            "a program's FILE.toml"
+        raise UnknownEngine(f"engine: found {name!r}; expected {', '.join(engine_names())}, 'module:Class', a "
+                            "program's FILE.toml or a FILE.fmu"
                             + (f" (did you mean {close[0]!r}?)" if close else ""))
     try:
         return _made(name, module, attribute)
@@ -138,6 +145,16 @@ def load_engine(name: str) -> Engine:
             raise  # what was asked for by its address is being written: its author wants the traceback
         raise EngineBroken(f"{name}: its adapter {address}, which another package announces, is broken: "
                            f"{type(error).__name__}: {error}") from error
+
+
+def _of_file(path: Path) -> Engine:
+    module, _, attribute = FILES[path.suffix].partition(":")
+    try:
+        return getattr(import_module(module), attribute)(path)
+    except ImportError as error:
+        if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
+            raise
+        raise EngineMissing(f"{path.name}: {error}{_remedy(path.suffix)}") from error
 
 
 def _made(name: str, module: str, attribute: str) -> Engine:

@@ -41,7 +41,7 @@ from pydantic_core import PydanticCustomError
 from stiction.comparisons.campaigns.measurement import KINDS, PlannedRun
 from stiction.comparisons.depth import Depth, Extent
 from stiction.comparisons.variants import PARAMETERS, Variant
-from stiction.engines.registry import PROGRAM, EngineMissing, absolute_name, engine_names, label_of, load_engine
+from stiction.engines.registry import EngineMissing, absolute_name, engine_names, is_file, label_of, load_engine
 from stiction.scenes import FileError, Scene, SceneError, catalogue, load_scene
 from stiction.scenes.errors import problems_in_tables
 from stiction.scenes.fields import Model, Positive
@@ -98,13 +98,14 @@ class _Variant(_Steps):
     effects: dict[str, dict[str, Any]] = {}
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
-        if self.engine.endswith(PROGRAM):
+        if is_file(self.engine):
             if not Path(self.engine).is_file():
-                yield "engine", Path(self.engine).name, ("expected the declaration of a program, relative to this "
-                                                         "file")
+                yield "engine", Path(self.engine).name, ("expected the declaration of a program or an FMU, relative to "
+                                                         "this file")
         elif ":" not in self.engine and self.engine not in (known := engine_names()):
             hint = did_you_mean(self.engine, known)
-            yield "engine", self.engine, f"expected {', '.join(known)}, module:Class or a program's FILE.toml{hint}"
+            yield "engine", self.engine, (f"expected {', '.join(known)}, module:Class, a program's FILE.toml or a "
+                                          f"FILE.fmu{hint}")
         yield from super().inconsistencies()
 
 
@@ -166,8 +167,8 @@ def _as_variants(tables: dict[str, _Variant]) -> tuple[Variant, ...]:
 
 
 def _portable(engine: str) -> str:
-    """The name of a program for baselines, which hold on any machine; empty for engines that have one anyway."""
-    return label_of(engine) if engine.endswith(PROGRAM) else ""
+    """The name of an engine that is a file for baselines, which hold on any machine; empty for others."""
+    return label_of(engine) if is_file(engine) else ""
 
 
 _Label = Annotated[str, Field(pattern=r"^[^/|\n]+$")]
@@ -271,8 +272,8 @@ class Campaign(Model):
 
 
 def _is_derived(engine: Any, name: str) -> bool:
-    if name.endswith(PROGRAM):
-        return False  # all programs have one class
+    if is_file(name):
+        return False  # all programs have one class, and all FMUs
     try:
         return isinstance(engine, type(load_engine(name)))
     except EngineMissing:
@@ -305,7 +306,7 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
         elif isinstance(given := tables.get("scenes"), list):  # files lie in the folder of the campaign
             tables["scenes"] = [str(path.parent / name) if isinstance(name, str) and name not in catalogue() else name
                                 for name in given]
-        campaign = Campaign.model_validate(_with_programs(tables, path.parent))
+        campaign = Campaign.model_validate(_with_files(tables, path.parent))
     except SceneError as error:
         raise CampaignError(str(path), error.problems) from None
     except ValidationError as error:
@@ -316,14 +317,14 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
     return campaign
 
 
-def _with_programs(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Tables with absolute paths of the programs among the engines of variants, which are relative to a folder."""
+def _with_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Tables with absolute paths of the files among the engines of variants, which are relative to a folder."""
     if not isinstance(variants := tables.get("variants"), dict):
         return tables
 
     def placed(variant: Any) -> Any:
         name = variant.get("engine") if isinstance(variant, dict) else None
-        if not isinstance(name, str) or not name.endswith(PROGRAM):
+        if not isinstance(name, str) or not is_file(name):
             return variant
         return {**variant, "engine": absolute_name(str(folder / name))}
 

@@ -32,6 +32,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
+from stiction.engines.shared.declared_engine import Declared
 from stiction.scenes.fields import Model, Name
 from stiction.scenes.wording import did_you_mean, names
 
@@ -42,27 +43,6 @@ PLACEHOLDERS = {"scene": "path of the resolved scene, JSON", "result": "path of 
 """Words that may stand in braces in an argument, and what replaces them."""
 _BRACES = re.compile(r"\{(\w+)\}")
 _Words = Annotated[tuple[StrictStr, ...], Field(min_length=1)]
-
-
-class Declared(Model):
-    """Capabilities of a program; see `stiction.engines.Capabilities`."""
-
-    fidelity: Literal["joint", "contact"] = "joint"
-    """`"joint"` or `"contact"`"""
-    friction_law: StrictStr = ""
-    """In words; empty where it has no friction"""
-    static_coefficient: StrictBool = False
-    """Whether it has mus > mu"""
-    regularized: StrictBool = False
-    """Whether friction may leave Coulomb's cone"""
-    impulses: StrictBool = False
-    """Whether steps exchange impulses between velocities"""
-    adaptive: StrictBool = False
-    """Whether it takes a tolerance instead of a step"""
-    locates_events: StrictBool = False
-    """Whether it reports the events of its runs"""
-    order: StrictStr = "unknown"
-    """Order of convergence that it promises"""
 
 
 class Declaration(Model):

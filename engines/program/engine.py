@@ -16,11 +16,11 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationError
 
-from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES
-from stiction.engines.program.declaration import Declaration, Declared
+from stiction.engines.program.declaration import Declaration
 from stiction.engines.program.process import Ended, run_program
-from stiction.engines.protocol import BadTrajectory, Capabilities, Engine, EngineFailure, Refused
+from stiction.engines.protocol import BadTrajectory, EngineFailure, Refused
 from stiction.engines.registry import BUILT_IN, EngineBroken, EngineMissing
+from stiction.engines.shared.declared_engine import DEFAULT_RTOL, Declared, DeclaredEngine, all_columns
 from stiction.engines.shared.fixed_step import step_of
 from stiction.scenes import Cost, Event, FileError, Problem, Scene, SceneError, Trajectory
 from stiction.scenes.errors import problems_in_tables
@@ -28,15 +28,11 @@ from stiction.scenes.fields import Model
 from stiction.scenes.loading import read_toml
 from stiction.scenes.resolved import resolved_text
 from stiction.scenes.result_table import ResultTable, read_result
-from stiction.scenes.trajectory import rows_of, stacked
+from stiction.scenes.trajectory import rows_of
 from stiction.scenes.wording import as_given, shown
 
 REFUSAL = 77
 """Exit code of a program that cannot represent the scene; the last lines that it printed say why."""
-DEFAULT_RTOL = 1e-6
-"""Relative tolerance where none is given."""
-DIFFERENCES = "differences of velocities (adapter)"
-"""Setting ``accelerations`` of a trajectory whose program gave none."""
 VERSION_S = 20.0
 """Seconds for the version command."""
 _SAME = 1e-9  # of t_end: times that are the same instant
@@ -81,7 +77,7 @@ class Product:
     cpu_s: float
 
 
-class ProgramEngine(Engine):
+class ProgramEngine(DeclaredEngine):
     """A program that is declared in a TOML file (`stiction.engines.program.declaration`).
 
     It reads a scene in its resolved form, and writes a table: ``t``, positions and velocities of all bodies, and what
@@ -98,12 +94,8 @@ class ProgramEngine(Engine):
 
     def __init__(self, file: Path):
         self.file, self.declaration = file, _read(file)
-        declared = self.declaration.capabilities
-        self.name, fidelity = self.declaration.name, declared.fidelity
-        self.capabilities = Capabilities(
-            fidelities=(fidelity,), static_coefficient={fidelity: declared.static_coefficient},
-            friction_law={fidelity: declared.friction_law or "none"}, reactions="momentum balance",
-            order=declared.order, adaptive=declared.adaptive)
+        self.name = self.declaration.name
+        self.declare(self.declaration.capabilities)
         if os.name != "posix":
             raise EngineMissing(f"{self.name}: programs run on Linux and macOS")
         self.folder = file.parent / self.declaration.folder
@@ -114,10 +106,6 @@ class ProgramEngine(Engine):
     @property
     def version(self) -> str:
         return self._version
-
-    @property
-    def _can(self) -> Declared:
-        return self.declaration.capabilities
 
     def _found(self, word: str) -> Path:
         """The program of a command: a path from the working folder where it has a slash, else one on PATH."""
@@ -142,30 +130,10 @@ class ProgramEngine(Engine):
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return self.declaration.settings
 
-    def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        return self._can.locates_events
-
-    def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        return (super().keeps_cone(fidelity, settings) and not self._can.regularized
-                and "accelerations" not in settings)
-
-    def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        return self._can.impulses
-
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        """See `Engine.refusal`; what else the program cannot represent it says itself, by exit code `REFUSAL`."""
-        for name, guide in scene.frictional_guides.items():
-            if not self._can.friction_law and guide.static_coefficient > 0:
-                return f"joints.{name}: {self.name} declares no friction law"
-            if not self._can.static_coefficient and guide.static_coefficient != guide.mu:
-                return (f"joints.{name}: {self.name} declares no static coefficient; mus = "
-                        f"{guide.static_coefficient:g} is not mu = {guide.mu:g}")
-        return None
-
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         made = self.product(scene, t_end, dt, rtol, output_step, settings)
-        columns, extra = _columns(scene, made.table, self.name)
+        columns, extra = all_columns(scene, made.table, self.name)
         setup, last = min(made.report.setup_s, made.cpu_s), made.table.last
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=made.table.t[last],
@@ -183,7 +151,7 @@ class ProgramEngine(Engine):
         Refused, EngineFailure, BadTrajectory
         """
         chosen = {**self.declaration.settings, **settings}
-        method = {"rtol": rtol or DEFAULT_RTOL} if self._can.adaptive else {"dt": step_of(dt, t_end)}
+        method = {"rtol": rtol or DEFAULT_RTOL} if self.declared.adaptive else {"dt": step_of(dt, t_end)}
         handed = scene.model_copy(update={"t_end": t_end})
         with TemporaryDirectory(prefix="stiction-program-", ignore_cleanup_errors=True) as name:
             place = Path(name)
@@ -275,25 +243,3 @@ def _answer(name: str, command: tuple[str, ...], folder: Path, environment: tupl
         raise EngineBroken(f"{name}: its version command fails: {' '.join(command)}: {ended.words}; expected a line "
                            "with the version")
     return line[:80]
-
-
-def _columns(scene: Scene, table: ResultTable, name: str) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """All columns at all rows of a table, and a setting that says so where accelerations are differences."""
-    from stiction.reference_impl.multibody.reactions import recover_columns  # compiles
-
-    needed = [f"{body}.{label}" for body in scene.bodies for label in POSITIONS + VELOCITIES]
-    if missing := [column for column in needed if column not in table]:
-        raise BadTrajectory(f"{name} returned no column {', '.join(missing[:4])}{', ..' * (len(missing) > 4)}; "
-                            "expected positions and velocities of all bodies")
-    found, made = dict(table.columns), {}
-    for body in scene.bodies:
-        for velocity, acceleration in zip(VELOCITIES, ACCELERATIONS):
-            if (column := f"{body}.{acceleration}") not in found:
-                if len(table.first) < max(2, len(table.t)):
-                    raise BadTrajectory(f"{name} returned no column {column}; expected accelerations where a time has "
-                                        "two rows, or the run a single one")
-                found[column], made = np.gradient(found[f"{body}.{velocity}"], table.t), {"accelerations": DIFFERENCES}
-    q, v, a = (stacked(found, scene.bodies, labels) for labels in (POSITIONS, VELOCITIES, ACCELERATIONS))
-    states = {f"{body}.{label}" for body in scene.bodies for label in POSITIONS + VELOCITIES + ACCELERATIONS}
-    reported = {column: values for column, values in found.items() if column not in states}
-    return recover_columns(scene, table.t, q, v, a, reported) | found, made

@@ -70,13 +70,13 @@ def _engines(given: list[str]) -> list[str]:
             pass
         if (other := labels.setdefault(label_of(name), name)) != name:
             raise typer.BadParameter(f"found {other!r} and {name!r}, both named {label_of(name)}; expected programs "
-                                     "with names of their own")
+                                     "and FMUs with names of their own")
     return names
 
 
 def _engine(name: str | None) -> str | None:
     """The name of an engine as child processes know it."""
-    if name is None or not name.endswith(".toml"):
+    if name is None or not name.endswith((".toml", ".fmu")):
         return name  # without the import
     from stiction.engines.registry import absolute_name
 
@@ -165,12 +165,13 @@ Settings = Annotated[list[str], typer.Option(
     help="A setting of the engine, e.g. stabilization=projection. Repeatable.")]
 EngineName = Annotated[str, typer.Option(
     "--engine", metavar="NAME", callback=_engine, help="See `stiction engines`; or module:Class, or a program's "
-    "FILE.toml.")]
+    "FILE.toml, a FILE.fmu.")]
 Fidelity = Annotated[str, typer.Option(
     "--fidelity", metavar="joint|contact", help="Bilateral joints, or a box between surfaces.")]
 Engines = Annotated[list[str], typer.Option(
     "--engines", metavar="A,B,..", callback=_engines,
-    help="Engines to compare with the reference; all known ones if not given. Names, module:Class or FILE.toml.")]
+    help="Engines to compare with the reference; all known ones if not given. Names, module:Class, FILE.toml or "
+    "FILE.fmu.")]
 Workers = Annotated[int | None, typer.Option(
     metavar="N", parser=count, help="Child processes at a time; the number of CPUs if not given.")]
 ExecutorName = Annotated[str, typer.Option(
@@ -195,6 +196,6 @@ BaselineFile = Annotated[str | None, typer.Option(
     "the suite's own if not given.")]
 OneEngine = Annotated[str | None, typer.Option(
     "--engine", metavar="NAME", callback=_engine, help="This engine alone: a name, module:Class or a program's "
-    "FILE.toml. A class derived from an engine of the campaign takes its place.")]
+    "FILE.toml, a FILE.fmu. A class derived from an engine of the campaign takes its place.")]
 OtherScenes = Annotated[list[str], typer.Option(
     "--scenes", metavar="A,B,..", help="Scenes of the catalogue or TOML files in place of the campaign's.")]

@@ -21,7 +21,8 @@ from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, 
                               run_isolated)
 from stiction.engines.program import declaration
 from stiction.engines.program.declaration import Declaration
-from stiction.engines.program.engine import DIFFERENCES, ProgramError
+from stiction.engines.program.engine import ProgramError
+from stiction.engines.shared.declared_engine import DIFFERENCES
 from stiction.scenes import InputError, load_scene, scene_from_dict, vary
 
 BALL = scene_from_dict({"t_end": 1, "gravity": [0, -10], "bodies": {"ball": {"mass": 2, "inertia": 1, "velocity": [3, 4], "angular_velocity": 5}}},

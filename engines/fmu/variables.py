@@ -1,0 +1,195 @@
+"""Variables of an FMU by the columns and parameters of a scene, and the file that renames them.
+
+A variable with the name of a column, such as ``slider.x``, is that column; one with the name of a parameter of the
+scene, or of a number in it, such as ``joints.guide.mu``, is set. What is named otherwise, and what the FMU can do,
+stands in ``model.map.toml`` beside ``model.fmu``:
+
+    scene = "slider-bar-*"                          # names of its scenes, as the text parameter stiction.scene has them
+    interface = "model exchange"                    # of an FMU that has both; else co-simulation
+
+    [columns]                                       # column = "variable", "-variable", or a number where it has none
+    slider.x = "s"
+    slider.y = 0
+
+    [parameters]                                    # of the scene = "variable"; "" sets nothing
+    mu = "friction.mu"
+
+    [capabilities]
+    friction_law = "Coulomb, set-valued"            # as of a program
+    locates_events = true                           # its events of model exchange change the variables GUIDE.mode
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, StrictBool, StrictFloat, StrictInt, StrictStr
+
+from stiction.engines.shared.declared_engine import Declared, state_columns
+from stiction.scenes import Problem, Scene
+from stiction.scenes.columns import BODY_COLUMNS, columns_of
+from stiction.scenes.fields import Model
+from stiction.scenes.resolved import resolved_scene
+from stiction.scenes.wording import did_you_mean, names, shown
+
+if TYPE_CHECKING:
+    from fmpy.model_description import ModelDescription, ModelVariable
+
+SCENE = "stiction.scene"
+"""Text variable by which an FMU states the scenes that it is made for: names or patterns such as ``slider-bar-*``."""
+CO_SIMULATION, MODEL_EXCHANGE = "co-simulation", "model exchange"
+_NUMBERS = ("Real", "Integer", "Boolean", "Enumeration", "Float", "Int", "UInt")
+_SAME = 1e-12  # relative: a number that a model description has as text
+
+
+def flattened(tables: Any) -> Any:
+    """Values of nested tables by dotted keys; anything else as it is."""
+    if not isinstance(tables, Mapping):
+        return tables
+    found: dict[str, Any] = {}
+    for key, value in tables.items():
+        inner = flattened(value)
+        found |= {f"{key}.{rest}": one for rest, one in inner.items()} if isinstance(value, Mapping) else {key: value}
+    return found
+
+
+class FmuDeclared(Declared):
+    """Capabilities of an FMU. It is made for its scenes, so that it has their friction unless it says otherwise."""
+
+    friction_law: StrictStr = "the FMU's own"
+    """In words; empty where it has no friction"""
+    static_coefficient: StrictBool = True
+    """Whether it has mus > mu"""
+
+
+class Map(Model):
+    """What an FMU names otherwise than the scene, and what it can do."""
+
+    scene: StrictStr = ""
+    """Names or patterns of scenes, separated by blanks"""
+    interface: Literal["co-simulation", "model exchange", ""] = ""
+    """Of an FMU that has both"""
+    columns: Annotated[dict[str, StrictStr | StrictFloat | StrictInt], BeforeValidator(flattened)] = {}
+    """Variable by column, with a - before it for the other sign; or a number"""
+    parameters: Annotated[dict[str, StrictStr], BeforeValidator(flattened)] = {}
+    """Variable by the scene's parameter or number"""
+    capabilities: FmuDeclared = FmuDeclared()
+    """What it can do"""
+
+
+@dataclass(frozen=True)
+class Variables:
+    """Variables of an FMU and the names that a map gives to them.
+
+    Attributes
+    ----------
+    description : ModelDescription
+        As fmpy has read it.
+    map : Map
+    file : str
+        Name of the map's file, for messages.
+    """
+
+    description: ModelDescription
+    map: Map
+    file: str
+
+    @property
+    def by_name(self) -> dict[str, ModelVariable]:
+        return {variable.name: variable for variable in self.description.modelVariables}
+
+    @property
+    def _scenes(self) -> str:
+        """Names and patterns of the scenes that the FMU or its map states."""
+        stated = self.by_name.get(SCENE)
+        return self.map.scene or (stated.start if stated is not None else "") or ""
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what the map names and the FMU does not have."""
+        known = self.by_name
+        for table, values in (("columns", self.map.columns), ("parameters", self.map.parameters)):
+            for key, value in values.items():
+                if not isinstance(value, str) or table == "parameters" and not value:
+                    continue
+                name = value.removeprefix("-") if table == "columns" else value
+                if name not in known:
+                    yield Problem(f"{table}.{key}", shown(value), "expected a variable of the FMU: "
+                                                                  f"{names(known)}{did_you_mean(name, known)}")
+                elif not _is_number(known[name]):
+                    yield Problem(f"{table}.{key}", f"{shown(value)}, {known[name].type}", "expected a number alone")
+
+    def sources(self, scene: Scene) -> dict[str, str | float]:
+        """Variable, with its sign, or number by column of the scene, for the columns that the FMU has."""
+        known = self.by_name
+        return {column: self.map.columns.get(column, column) for column in columns_of(scene)
+                if column in self.map.columns or column in known and _is_number(known[column])}
+
+    def refusal(self, scene: Scene) -> str | None:
+        """Why the FMU is not of this scene: another one stated, another constant, a column that it lacks."""
+        if (stated := self._scenes.split()) and not any(fnmatchcase(scene.name, pattern) for pattern in stated):
+            return f"made for {' or '.join(stated)}; found {scene.name}"
+        if unknown := [column for column in self.map.columns if column not in columns_of(scene)]:
+            return (f"{self.file}: columns.{unknown[0]}: {scene.name} has no such column"
+                    f"{did_you_mean(unknown[0], columns_of(scene))}")
+        for key, variable, value in self._numbers(scene):
+            if not _can_be_set(variable, value) and variable.start is not None and (
+                    not math.isclose(float(variable.start), value, rel_tol=_SAME)):
+                return (f"{key} = {value:g} cannot be set in it: {variable.name} is {variable.start}, "
+                        f"{variable.variability}, {variable.type}")
+        found, needed = self.sources(scene), state_columns(scene)
+        if self.map.capabilities.locates_events:
+            needed += [f"{body}.{label}" for body in scene.bodies for label in BODY_COLUMNS[2]]
+            needed += [f"{guide}.mode" for guide in scene.frictional_guides]
+        if missing := [column for column in needed if column not in found]:
+            return (f"no variable {names(missing)}; expected positions and velocities of all bodies (to locate events, "
+                    f"accelerations and modes too), by these names or in {self.file}")
+        return None
+
+    def settable(self, scene: Scene) -> dict[str, float]:
+        """Values of the scene by the FMU's parameters, in the units of these."""
+        return {variable.name: value for _, variable, value in self._numbers(scene)
+                if _can_be_set(variable, value)}
+
+    def columns(self, scene: Scene, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """Columns of the scene in SI units, from what fmpy has recorded, with the time as ``t``."""
+        found = {"t": rows["time"].astype(float)}
+        for column, source in self.sources(scene).items():
+            if isinstance(source, str):
+                factor, offset = self._unit(self.by_name[name := source.removeprefix("-")])
+                values = (factor * rows[name].astype(float) + offset) * (-1 if source.startswith("-") else 1)
+            else:
+                values = np.full(len(rows), float(source))
+            found[column] = values
+        return found
+
+    def _numbers(self, scene: Scene) -> Iterator[tuple[str, ModelVariable, float]]:
+        """Name in the scene, variable, and value in its unit of each parameter that the scene has too."""
+        known, values = self.by_name, {**flattened(resolved_scene(scene)["scene"]), **scene.parameters}
+        for key, value in values.items():
+            variable = known.get(self.map.parameters.get(key, key))
+            if variable is None or not _is_number(variable) or isinstance(value, bool | str | list | None):
+                continue
+            if variable.causality == "parameter" or variable.variability == "constant":
+                factor, offset = self._unit(variable)
+                yield key, variable, (value - offset) / factor
+
+    def _unit(self, variable: ModelVariable) -> tuple[float, float]:
+        """Factor and offset from the variable's unit to SI units, as the FMU defines it."""
+        name = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
+        bases = [unit.baseUnit for unit in self.description.unitDefinitions if unit.name == name]
+        return (bases[0].factor, bases[0].offset) if bases and bases[0] is not None else (1.0, 0.0)
+
+
+def _is_number(variable: ModelVariable) -> bool:
+    return variable.type.startswith(_NUMBERS) and not variable.shape
+
+
+def _can_be_set(variable: ModelVariable, value: float) -> bool:
+    whole = not variable.type.startswith(("Real", "Float"))
+    return (variable.causality == "parameter" and variable.variability != "constant"
+            and not (whole and value != int(value)))

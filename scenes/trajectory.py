@@ -184,11 +184,11 @@ class Trajectory:
     def __contains__(self, column: str) -> bool:
         return column == "t" or column in self.columns
 
-    def plot(self, *columns: str, beside: Iterable[Trajectory] = ()) -> Picture:
+    def plot(self, *columns: str, against: Iterable[Trajectory] = ()) -> Picture:
         """A figure with a panel for each column over time; without columns, for what such a mechanism is judged by.
 
         It shows itself in Jupyter; ``plot().write("run.svg")`` makes a file (.svg, .pdf, .png). With other runs
-        `beside` this one each panel has a line for each of them.
+        `against` this one each panel has a line for each of them.
 
         Raises
         ------
@@ -199,7 +199,7 @@ class Trajectory:
         """
         from stiction.scenes.pictures.evolution import evolution, overlay
 
-        others = tuple(beside)
+        others = tuple(against)
         if not others:
             return evolution(self, columns)
         if not columns:

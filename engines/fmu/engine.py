@@ -37,11 +37,11 @@ _ATTRIBUTES = {CO_SIMULATION: "coSimulation", MODEL_EXCHANGE: "modelExchange"}
 
 
 class FmuError(FileError):
-    """An FMU, or the map beside it, that cannot be used."""
+    """An FMU, or the map next to it, that cannot be used."""
 
 
 class FmuEngine(DeclaredEngine):
-    """An FMU (FMI 2 or 3), with the names and capabilities of ``model.map.toml`` beside it, if there is one.
+    """An FMU (FMI 2 or 3), with the names and capabilities of ``model.map.toml`` next to it, if there is one.
 
     By co-simulation dt is the communication step, and rtol, if given, goes to the FMU's own solver. By model exchange
     fmpy's CVode integrates to rtol and locates events; where fmpy has no CVode, Euler's method steps by dt.

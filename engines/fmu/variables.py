@@ -2,7 +2,7 @@
 
 A variable with the name of a column, such as ``slider.x``, is that column; one with the name of a parameter of the
 scene, or of a number in it, such as ``joints.guide.mu``, is set. What is named otherwise, and what the FMU can do,
-stands in ``model.map.toml`` beside ``model.fmu``:
+stands in ``model.map.toml`` next to ``model.fmu``:
 
     scene = "slider-bar-*"                          # names of its scenes, as the text parameter stiction.scene has them
     interface = "model exchange"                    # of an FMU that has both; else co-simulation

@@ -22,11 +22,10 @@ from typing import Any
 
 import llvmlite.binding
 import numba
-import numba.core.config
 from numba import njit
 
 _log = logging.getLogger("stiction")
-settings: Any = numba.core.config  # whose names numba makes when it is loaded
+settings: Any = numba.config  # whose names numba makes when it is loaded
 DAMAGED = pickle.UnpicklingError, AttributeError, EOFError, ImportError, IndexError, ValueError
 """Errors that Python's pickle lists for files that are cut off or overwritten; numba passes them on."""
 

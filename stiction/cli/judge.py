@@ -20,7 +20,7 @@ commands = typer.Typer()
 @commands.command()
 def judge(scene: Annotated[str, typer.Argument(
               metavar="SCENE", help="Name of the catalogue, a TOML file, or the folder of a scene in a data set of "
-              "truths, whose truth is then read and not solved.")],
+              "truths, which are then read and not solved.")],
           result: Annotated[Path, typer.Argument(
               metavar="RESULT", help="A table, .csv or .parquet: a column t, and one or more of the scene's columns. "
               "Two rows of one time are both sides of a jump.")],
@@ -97,7 +97,7 @@ def _end(judged: Judgement, max_error: float | None) -> None:
     if max_error is None:
         return
     if judged.error is None or judged.uncertainty is None:
-        raise ended(BAD_INPUT, "--max-error: found no position whose truth is known; expected one or more")
+        raise ended(BAD_INPUT, "--max-error: found no position with a known truth; expected one or more")
     if judged.uncertainty >= max_error:
         raise ended(BAD_INPUT, f"--max-error: found {max_error:g} m; expected more than the uncertainty of the truth, "
                                f"{judged.uncertainty:.2g} m")

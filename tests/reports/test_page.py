@@ -1,5 +1,6 @@
 """The pages in a real browser: they open without errors and without a network; zoom, cursor, mechanism and keyboard work."""
 
+import json
 import re
 import shutil
 import time
@@ -27,6 +28,9 @@ from stiction.scenes.pictures.web import LONG, SHORT, Columns
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NIGHTS = [f"2026-03-{day:02d}T02:00:00.000Z" for day in (1, 2, 3)]
 CASES = ("slider-bar-case-1", "slider-bar-case-2")
+
+MOST_MB, MOST_CURVES, LONGEST = 1.5, 3 * 15, 24.0
+"""What a page may weigh, and the time series of a full campaign: three cases of 24 s, 14 variants and the truth."""
 
 
 @pytest.fixture(scope="module")
@@ -357,3 +361,39 @@ def test_columns_lose_no_more_than_half_a_step(values, bits, coarse):
     known = ~np.isnan(values)
     if known.any():
         assert np.abs(read - values)[known].max() <= 0.501 * step and step <= max(np.ptp(values[known]) / (2 ** bits - 2), 1.0, coarse)
+
+
+@pytest.mark.parametrize("which", ["run_page", "history_page"])
+def test_a_narrow_screen_needs_no_scrolling_sideways(which, request, open_page):
+    page = open_page(request.getfixturevalue(which), width=390, height=844)
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    clipped = page.evaluate("""() => [...document.querySelectorAll("h1, h2, nav, .controls, .legend, .panel .title, figcaption")]
+        .filter(element => element.getBoundingClientRect().right > innerWidth + 1).length""")
+    assert clipped == 0
+    assert page.locator("details").first.get_attribute("open") is None  # the names of the lines do not cover the lines
+    box = page.locator(".table").last
+    box.scroll_into_view_if_needed()
+    box.evaluate("box => { box.scrollLeft = 120; }")
+    first = box.locator("tbody tr").first.locator("td").first.bounding_box()
+    assert first["x"] == pytest.approx(box.bounding_box()["x"], abs=1)  # the first column stays
+
+
+def test_a_page_is_small(run_page):
+    """Less than 1.5 MB, and so would be that of a full campaign, if its time series are like these."""
+    text = run_page.read_text()
+    series = re.findall(r'<script type="application/json" data-labels[^>]*>(.*?)</script>', text, re.S)
+    curves = [curve for view in map(json.loads, series) for curve in view["series"]]
+    seconds = json.loads(series[0])["x"]["range"][1]
+    rest = len(text) - sum(map(len, series))
+    assert sum(map(len, series)) / len(curves) / seconds * MOST_CURVES * LONGEST + rest < MOST_MB * 1e6
+
+
+def test_figures_are_in_the_page_with_words_for_those_who_do_not_see_them(run_page, report_folder, open_page):
+    page = open_page(run_page)
+    page.evaluate("() => document.querySelectorAll('details').forEach(part => { part.open = true; })")
+    page.evaluate("() => [...document.images].forEach(image => { image.loading = 'eager'; })")
+    until(lambda: page.evaluate("() => [...document.images].every(image => image.naturalWidth > 600)"), True)
+    pictures = {file.stem for file in (report_folder / "figures").glob("*.svg")}
+    assert set(page.evaluate("() => [...document.querySelectorAll('.picture')].map(picture => picture.getAttribute('aria-label'))")) == pictures
+    assert all(len(words) > 20 for words in page.evaluate("() => [...document.images].map(image => image.alt)"))
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")  # wide tables scroll on their own

@@ -45,11 +45,11 @@ def test_several_columns_are_a_table_over_time(run):
 
 def test_runs_beside_each_other(run, tmp_path):
     coarse = load_engine("reference").simulate(run.mechanism, t_end=4.0, rtol=1e-5)
-    picture = run.plot("slider.x", "motor.effort", beside=[coarse])
+    picture = run.plot("slider.x", "motor.effort", against=[coarse])
     assert [len(ax.lines) for ax in picture.axes] == [2, 2]
     assert len({line.get_label() for line in picture.axes[0].lines}) == 2
     with pytest.raises(ValueError):
-        run.plot(beside=[coarse])
+        run.plot(against=[coarse])
 
 
 def test_a_scene_made_in_python_is_written_and_varied(tmp_path):

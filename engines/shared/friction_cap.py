@@ -8,7 +8,8 @@ reduced to one slider):
     n1 + n2 = R ,   n2 - n1 = (2/a) (T + (b/2) s c R) ,   |n1| + |n2| = max(|n1 + n2|, |n2 - n1|)
 
 and |R| where the guide has no length. Reactions depend on the friction, so where stick and slip are decided
-the step is repeated with the reactions it gave. All of it is compiled: an engine's step takes some microseconds.
+the step is repeated with the reactions it gave. `step_kernels` has the bound itself, compiled: an engine's step takes
+some microseconds.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from importlib import resources
-from importlib.metadata import distribution
+from importlib.metadata import Distribution, distribution
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +50,16 @@ def write_dataset(folder: Path, names: Iterable[str] | None = None,
         index.to_csv(partial / "index.csv", index=False)
         readme = _text("dataset_readme.md").format(**words, columns=_columns(), scenes=_scenes(index))
         (partial / MAIN).write_text(readme, encoding="utf-8")
-        (partial / "LICENSE").write_text(about.read_text("licenses/LICENSE") or f"{licence}\n", encoding="utf-8")
+        (partial / "LICENSE").write_text(_licence(about), encoding="utf-8")
         (partial / "CITATION.cff").write_text(_text("dataset_citation.cff").format(**words), encoding="utf-8")
         write_sums(partial)
         write_provenance(partial, words)
     return index
+
+
+def _licence(about: Distribution) -> str:
+    """Text of the licence: of an installation in its metadata, of a checkout a file beside the packages."""
+    return about.read_text("licenses/LICENSE") or (Path(__file__).parent.parent / "LICENSE").read_text("utf-8")
 
 
 def _write_scenes(folder: Path, names: Iterable[str], on_scene: Callable[[str], None]) -> Iterator[dict[str, Any]]:

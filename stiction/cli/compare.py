@@ -13,7 +13,6 @@ from stiction.cli.exit_codes import FAILED, Commands, ended
 from stiction.cli.options import (Assemble, EndTime, Engines, ExecutorName, Overrides, Quick, SceneNames, TableFile,
                                   Timeout, Workers, check_written, count, distinct, scene_of)
 from stiction.cli.render import or_shown, progress, show, show_truths, write_table
-from stiction.scenes.wording import names
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -91,6 +90,7 @@ def _command(study: Study) -> Callable[..., None]:
 
 def _subject(study: Study, scenes: Sequence[str], overrides: Sequence[str], assemble: bool) -> tuple[Scene, ...]:
     from stiction.reference_impl.multibody.initial_state import with_consistent_start
+    from stiction.scenes.wording import names
 
     if study.takes_scene and not scenes:
         raise typer.BadParameter("found nothing; expected a scene of the catalogue (see `stiction scenes`) or a TOML "
@@ -115,7 +115,7 @@ def _made(study: Study, scope: Scope, workers: int | None, timeout: float, execu
     from stiction.comparisons.campaigns.validation import planned, union
     from stiction.engines import isolate
 
-    about = names([scene.name for scene in scope.scenes]) if scope.scenes else study.title
+    about = ", ".join(scene.name for scene in scope.scenes) if scope.scenes else study.title
     with open_isolate(executor, workers) as isolated, progress(f"compare {study.name} on {about}") as bar:
         options: dict[str, Any] = {"workers": workers, "timeout_s": timeout, "isolated": isolated}
         comparison = planned(scope, [study], **options)[study]

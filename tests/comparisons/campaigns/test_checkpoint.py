@@ -64,7 +64,7 @@ def test_nothing_stale_is_taken_over(tmp_path, monkeypatch):
     assert taken_over(scene, {"dt": 1e-2}, timeout_s=601.0) == 0
     monkeypatch.setattr(digest, "source_digest", lambda: "another code")
     assert taken_over(scene, {"dt": 1e-2}) == 0
-    monkeypatch.setattr(digest, "_engine", lambda name: [name, "another version"])
+    monkeypatch.setattr(digest, "engine_identity", lambda name: [name, "another version"])
     assert taken_over(scene, {"dt": 1e-2}) == 0
 
 

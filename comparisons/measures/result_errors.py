@@ -21,7 +21,8 @@ CONTINUOUS = (*BODY_COLUMNS[0], *BODY_COLUMNS[1], "displacement", "slip_velocity
 """Columns without jumps: their largest error counts; of the others, which a jump a step late makes large, the mean."""
 TURN = 2 * np.pi
 EXPLAINS = 0.1
-"""Part of the mean error that is left at most, where a cause explains it."""
+"""Part of the mean error, and of the mean size, that is left at most where a cause explains it: what has blown up to a
+thousand times the truth has no other unit."""
 COARSE, SLIGHT = 1e-2, 1e-6
 """Parts of a column's size: errors above the one may come from other units, signs or origins; below the other, no cause
 is sought."""
@@ -87,7 +88,7 @@ def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hin
         return None
     left = {cause: float(np.mean(np.abs(other))) for cause, other in _causes(found, true, off, unit, error, size)}
     best = min(left, key=lambda cause: left[cause], default=None)
-    return best if best is not None and left[best] <= EXPLAINS * error else None
+    return best if best is not None and left[best] <= EXPLAINS * min(error, size) else None
 
 
 def _causes(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str, error: float,

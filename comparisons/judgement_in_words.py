@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from stiction.comparisons.measures.accuracy import TORQUE_ERROR, size_of, truth_graph
+from stiction.comparisons.measures.result_errors import COARSE
 from stiction.comparisons.measures.scene_truth import OWN_RTOL, OWN_RUN
 from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Number, Panel, Presentation, Series,
                                                TableView, TracedText, count, scaled_value, sentence, traced, value,
                                                view)
 from stiction.comparisons.truth import NO_TRUTH
+from stiction.reference_impl.energies import needed_columns
 from stiction.scenes.wording import names
 
 if TYPE_CHECKING:
@@ -47,10 +49,10 @@ def _answer(judged: Judgement) -> TracedText:
     known = table["unit"].isin(list(scale))
     worst = (table["error"] * table["unit"].map(scale) if known.any() else table["error"] / table["size"]).idxmax()
     row = table.loc[worst]
-    kind = "position " if known.any() else ""
+    kind, misread = "position " if known.any() else "", list(table.loc[table["is input"], "column"])
     return traced("Largest {}error: {} {}, {}{}; truth: {}.{}", kind, value("errors", table, worst, "error"),
                   row["unit"], row["column"], "" if pd.isna(row["at t [s]"]) else f" at t = {row['at t [s]']:.6g} s",
-                  row["tier"], " It seems to be misread: see below." if judged.is_misread else "")
+                  row["tier"], f" Other units, signs or origins: {', '.join(misread)}?" if misread else "")
 
 
 def _truth(judged: Judgement) -> Iterator[TracedText]:
@@ -62,17 +64,27 @@ def _truth(judged: Judgement) -> Iterator[TracedText]:
         yield TracedText(f"On the truth: {truth.note}.")
     if judged.uncertainty is not None:
         row = table[table["unit"].isin(["m", "rad"])]["uncertainty"].idxmax()
-        yield traced("The truth's positions are known to {} {}.", value("errors", table, row, "uncertainty"),
-                     table.at[row, "unit"])
+        yield traced("The truth's positions are known to {} {} ({}).", value("errors", table, row, "uncertainty"),
+                     table.at[row, "unit"], table.at[row, "column"])
 
 
 def _reading(judged: Judgement) -> Iterator[TracedText]:
     """Causes that explain errors, and the end of a table that stops early."""
     for cause, columns in judged.hints.items():
-        yield TracedText(f"{', '.join(columns)}: {cause}" + "." * (not cause.endswith("?")))
+        others = _fitting(judged, columns) if "--units" in cause else []
+        kept = f" {', '.join(others)}: right as they are; convert the others alone." if others else ""
+        yield TracedText(f"{', '.join(columns)}: {cause}" + "." * (not cause.endswith("?")) + kept)
     if not judged.is_complete:
         yield traced("The table goes from {} s to {} s, the scene from 0 to {} s.", _of(judged, "begins at [s]"),
                      _of(judged, "ends at [s]"), _of(judged, "t_end [s]"))
+
+
+def _fitting(judged: Judgement, columns: Sequence[str]) -> list[str]:
+    """Columns that are right as they are, and whose units `--units` would change with those of the given ones."""
+    table = judged.tables["errors"]
+    kinds = table["unit"].map(lambda unit: unit.partition("/")[0])
+    right = (table["hint"] == "") & (table["error"] <= COARSE * table["size"])
+    return list(table.loc[right & kinds.isin(set(kinds[table["column"].isin(columns)])), "column"])
 
 
 def _of(judged: Judgement, column: str) -> Number | str:
@@ -147,7 +159,8 @@ def _not_judged(judged: Judgement) -> Iterator[TracedText]:
                scene.frictional_guides and not slips,
                "jumps (efforts of drives)": scene.frictional_guides and scene.drives and not efforts,
                "constraint drift (positions of all bodies)": "drift.position" not in run,
-               "energy (positions, velocities, efforts, friction)": "energy error [J]" not in judged.tables["summary"]}
+               f"energy ({names([name for name in needed_columns(scene) if name not in judged.table])})":
+               "energy error [J]" not in judged.tables["summary"]}
     if asked := [question for question, is_wanting in wanting.items() if is_wanting]:
         yield TracedText(f"Not judged, for want of columns: {'; '.join(asked)}.")
     known = set(judged.tables["errors"].get("column", ()))

@@ -133,6 +133,8 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
         with or_shown(lambda: _print(said, results, table)):
             write_table(storable(table), out)
     _print(said, results, table)
+    if out is None and len(table):
+        print("\nEvery row with its numbers and reasons: --out FILE.csv")
     if plot is not None:
         _draw(study, said, results, plot)
     if problems is not None:

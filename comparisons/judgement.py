@@ -38,6 +38,8 @@ from stiction.scenes.columns import columns_of, unit_of
 from stiction.scenes.result_table import ResultTable, read_result, result_table
 from stiction.scenes.trajectory import rows_of, stacked
 
+FEW = 0.1
+"""Part of the time of a scene that a step may take at most, for a table to cover it."""
 STILL = 1e-3
 """Part of the largest true slip speed below which a sample is at rest."""
 ROUNDED = 1e-6
@@ -85,8 +87,9 @@ class Judgement:
     @property
     def is_complete(self) -> bool:
         """True where the table goes from 0 to the end of the scene, but for a step."""
-        t, room = self.trajectory.t, 1 + 1e-6
-        return bool(t[0] <= room * (t[1] - t[0]) and t[-1] + room * (t[-1] - t[-2]) >= self.scene.t_end)
+        t, end = self.trajectory.t, self.scene.t_end
+        step = (1 + 1e-6) * min(_step(self.trajectory), FEW * end)
+        return bool(t[0] <= step and t[-1] + step >= end)
 
     @property
     def hints(self) -> dict[str, list[str]]:
@@ -279,7 +282,7 @@ def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -
         "rows": len(table.t), "instants": len(table.first), "instants with two sides": len(full.events),
         "begins at [s]": float(table.t[0]), "ends at [s]": float(table.t[-1]), "t_end [s]": scene.t_end,
         "sample distance [s]": _step(full), **errors(full, truth, size_of(scene))}
-    if "drift.position" in full:
+    if "drift.position" in full and "drift.velocity" in full:
         row |= {name: value for name, value in drift(full).items() if name != "truth tier"}
     if all(name in table for name in needed_columns(scene)):
         energy = energy_balance(scene, table.t, table.columns)

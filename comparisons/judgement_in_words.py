@@ -95,9 +95,11 @@ def _of(judged: Judgement, column: str) -> Number | str:
 
 def _errors(judged: Judgement) -> Iterator[TracedText]:
     yield sentence("Largest velocity error: {} m/s.", _of(judged, "velocity error [m/s]"))
-    yield sentence("Efforts of drives are off by {} N m in the mean.", _of(judged, TORQUE_ERROR))
-    yield sentence("Of its instants with two sides {} are true events and {} are none; {} true events are missing.",
-                   *(_of(judged, f"events {kind}") for kind in ("matched", "spurious", "missed")))
+    yield sentence("Efforts of drives are off by {} N m or N in the mean.", _of(judged, TORQUE_ERROR))
+    yield sentence("Of its {} instants with two sides {} are true events.", _of(judged, "instants with two sides"),
+                   _of(judged, "events matched"))
+    if judged.is_complete:  # else those outside of it are among them
+        yield sentence("True events that it does not have: {}.", _of(judged, "events missed"))
     yield sentence("Times of events are off by at most {} s.", _of(judged, "event time error [s]"))
 
 

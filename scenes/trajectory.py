@@ -140,7 +140,7 @@ class Trajectory:
     breakdown : Breakdown, optional
         The same in data, where the engine knows it.
     mechanism : Scene, optional
-        Added by `Engine.simulate`; None for a trajectory that was read from a file, which cannot be drawn.
+        Added by `Engine.simulate`; None for one of a run folder, which cannot be drawn.
     """
 
     scene: str

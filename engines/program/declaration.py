@@ -3,7 +3,7 @@
     name = "mine"
     command = ["./mine", "{scene}", "{result}", "{dt}", "{output_step}", "{settings}"]
     version = ["./mine", "--version"]               # its first line of output is the version
-    folder = "."                                    # where both run; relative to this file, as programs with a / are
+    folder = "."                                    # where both run; relative to this file; ./mine is looked up in it
     result = "csv"                                  # or "parquet"
     largest_file = 1024                             # MiB that a file of the program may have, what it prints included
 
@@ -41,6 +41,8 @@ PLACEHOLDERS = {"scene": "path of the resolved scene, JSON", "result": "path of 
                 "dt": "step in seconds", "rtol": "relative tolerance", "output_step": "seconds between rows, at most",
                 "settings": "KEY=VALUE, an argument each; must stand alone"}
 """Words that may stand in braces in an argument, and what replaces them."""
+RESERVED = {"dt", "rtol", "output_step", "accelerations", "friction_law"}
+"""Settings of every trajectory, which no declaration may have."""
 _BRACES = re.compile(r"\{(\w+)\}")
 _Words = Annotated[tuple[StrictStr, ...], Field(min_length=1)]
 
@@ -64,7 +66,7 @@ class Declaration(Model):
     """What it can do"""
     settings: dict[Name, StrictBool | StrictInt | StrictFloat | StrictStr] = {}
     """Settings by name, with their defaults"""
-    environment: dict[str, StrictStr] = {}
+    environment: dict[Name, StrictStr] = {}
     """Environment variables by name"""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
@@ -85,6 +87,11 @@ class Declaration(Model):
         if (other := "dt" if can.adaptive else "rtol") in used:
             yield "command", self.command, (f"expected no {{{other}}}: capabilities.adaptive is "
                                             f"{str(can.adaptive).lower()}")
+        for name in sorted(RESERVED & self.settings.keys()):
+            yield f"settings.{name}", self.settings[name], "another name: the suite gives this setting itself"
+        for i, word in enumerate(self.command):
+            if "\0" in word:
+                yield f"command.{i}", word, "expected no NUL"
         if _BRACES.search(self.command[0]):
             yield "command.0", self.command[0], "expected a program, not a placeholder"
 

@@ -1,4 +1,7 @@
-"""Run of a program without a shell, in a process group that never outlives the process that waits for it."""
+"""Run of a program without a shell, in a process group that ends with the process that waits for it.
+
+A process that leaves its group, as by ``setsid``, is not ended.
+"""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def settings_of(given: Sequence[str]) -> dict[str, Any]:
     settings: dict[str, Any] = {}
     for text in given:
         key, equals, value = (part.strip() for part in text.partition("="))
-        if not (key.isidentifier() and equals and value):
+        if not (key.replace("-", "_").isidentifier() and equals and value):
             raise typer.BadParameter(f"found {text!r}; expected KEY=VALUE such as stabilization=projection",
                                      param_hint="--setting")
         try:

@@ -199,11 +199,13 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
 
 
 def _figures(judged: Judgement) -> Iterator[Chart]:
+    from stiction.comparisons.judgement import INVENTED
+
     if judged.truth.tier == NO_TRUTH:
         return
     run, panels = judged.trajectory, list(_differences(judged))
     phases = judged.tables["stick-phases"]
-    true = phases[phases["verdict"] != "the truth slips"] if len(phases) else phases
+    true = phases[phases["verdict"] != INVENTED] if len(phases) else phases
     shades = list(zip(true["begin [s]"], true["end [s]"])) if len(true) else []
     t = np.linspace(run.t[0], run.t[-1], DRAWN)
     known = judged.truth(run.t)

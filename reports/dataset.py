@@ -31,9 +31,9 @@ def scene_names() -> list[str]:
     return [*catalogue(), *catalogue("hard")]
 
 
-def write_dataset(folder: Path, names: Iterable[str] | None = None,
+def write_dataset(folder: Path, names: Iterable[str],
                   on_scene: Callable[[str], None] = lambda name: None) -> pd.DataFrame:
-    """Write the truths of scenes of the catalogue, of all where None; return the index, a row per scene.
+    """Write the truths of scenes of the catalogue; return the index, a row per scene.
 
     A scene whose only truth is our own run, or that has none, is left out.
 
@@ -43,7 +43,7 @@ def write_dataset(folder: Path, names: Iterable[str] | None = None,
         For a folder with anything but an earlier data set.
     """
     with run_folder(folder, MAIN) as partial:
-        index = pd.DataFrame(list(_write_scenes(partial, scene_names() if names is None else names, on_scene)))
+        index = pd.DataFrame(list(_write_scenes(partial, names, on_scene)))
         about = distribution("stiction")
         source, licence = source_digest()[:12], about.metadata["License-Expression"]
         words = {"version": about.version, "format": VERSION, "source": source, "licence": licence}

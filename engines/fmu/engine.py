@@ -12,16 +12,14 @@ from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
-from pydantic import ValidationError
 
 from stiction.engines.fmu.variables import CO_SIMULATION, MODEL_EXCHANGE, FmuDeclared, Map, Variables
-from stiction.engines.protocol import BadTrajectory, EngineFailure, accepted
+from stiction.engines.protocol import EngineFailure, accepted
 from stiction.engines.registry import BUILT_IN, EngineMissing
-from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine, all_columns
+from stiction.engines.shared.declared_engine import (DEFAULT_RTOL, DeclaredEngine, all_columns, read_declaration,
+                                                     results_of)
 from stiction.engines.shared.fixed_step import Grid, step_of
-from stiction.scenes import Cost, Event, FileError, InputError, Problem, Scene, SceneError, Trajectory
-from stiction.scenes.errors import problems_in_tables
-from stiction.scenes.loading import read_toml
+from stiction.scenes import Cost, Event, FileError, InputError, Problem, Scene, Trajectory
 from stiction.scenes.result_table import ResultTable, result_table
 from stiction.scenes.trajectory import rows_of
 from stiction.scenes.wording import shortened, shown
@@ -62,7 +60,8 @@ class FmuEngine(DeclaredEngine):
         self.file, self.name = file, file.stem
         self._fmpy = accepted("fmpy", fmpy.__version__)
         self.map_file = file.with_name(file.stem + MAP)
-        chosen = _read_map(self.map_file) if self.map_file.is_file() else Map()
+        mapped = self.map_file.is_file()
+        chosen = read_declaration(self.map_file, Map, FmuError, FmuDeclared) if mapped else Map()
         self.variables, self.interface, binaries = _read(file, chosen, self.map_file)
         if (library := self._library()) not in binaries:
             found = ", ".join(sorted({name.split("/")[1] for name in binaries})) or "none"
@@ -171,11 +170,8 @@ class FmuEngine(DeclaredEngine):
 
     def _table(self, scene: Scene, t_end: float, rows: np.ndarray) -> ResultTable:
         handed = scene.model_copy(update={"t_end": t_end})
-        try:
+        with results_of(self.name):
             return result_table(self.variables.columns(scene, rows), handed, origin=self.name)
-        except FileError as error:
-            raise BadTrajectory(f"{self.name} returned a result that cannot be used: "
-                                + "; ".join(map(str, error.problems))) from None
 
     def _events(self, scene: Scene, table: ResultTable, columns: Mapping[str, np.ndarray]) -> Iterator[Event]:
         """Events of the FMU that change a guide's mode."""
@@ -197,15 +193,6 @@ def has_cvode() -> bool:
     except OSError:
         return False
     return True
-
-
-def _read_map(path: Path) -> Map:
-    try:
-        return Map.model_validate(read_toml(path, str(path)))
-    except SceneError as error:  # of the file itself
-        raise FmuError(str(path), error.problems) from None
-    except ValidationError as error:
-        raise FmuError(str(path), problems_in_tables(error, Map, {"capabilities": FmuDeclared})) from None
 
 
 def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str, list[str]]:

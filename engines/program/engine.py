@@ -20,12 +20,12 @@ from stiction.engines.program.declaration import Declaration
 from stiction.engines.program.process import Ended, run_program
 from stiction.engines.protocol import BadTrajectory, EngineFailure, Refused
 from stiction.engines.registry import BUILT_IN, EngineBroken, EngineMissing
-from stiction.engines.shared.declared_engine import DEFAULT_RTOL, Declared, DeclaredEngine, all_columns
+from stiction.engines.shared.declared_engine import (DEFAULT_RTOL, Declared, DeclaredEngine, all_columns,
+                                                     read_declaration, results_of)
 from stiction.engines.shared.fixed_step import step_of
-from stiction.scenes import Cost, Event, FileError, Problem, Scene, SceneError, Trajectory
+from stiction.scenes import Cost, Event, FileError, Problem, Scene, Trajectory
 from stiction.scenes.errors import problems_in_tables
 from stiction.scenes.fields import Model
-from stiction.scenes.loading import read_toml
 from stiction.scenes.resolved import resolved_text
 from stiction.scenes.result_table import ResultTable, read_result
 from stiction.scenes.trajectory import rows_of
@@ -182,11 +182,8 @@ class ProgramEngine(DeclaredEngine):
             raise BadTrajectory(f"{self.name} returned no file; expected one at {{result}}: {ended.words}")
 
     def _table(self, path: Path, scene: Scene) -> ResultTable:
-        try:
+        with results_of(self.name):
             return read_result(path, scene)
-        except FileError as error:
-            raise BadTrajectory(f"{self.name} returned a result that cannot be used: "
-                                + "; ".join(map(str, error.problems))) from None
 
     def _report(self, path: Path) -> _Report:
         if not path.is_file():
@@ -214,12 +211,7 @@ class ProgramEngine(DeclaredEngine):
 
 
 def _read(file: Path) -> Declaration:
-    try:
-        declaration = Declaration.model_validate(read_toml(file, str(file)))
-    except SceneError as error:  # of the file itself
-        raise ProgramError(str(file), error.problems) from None
-    except ValidationError as error:
-        raise ProgramError(str(file), problems_in_tables(error, Declaration, {"capabilities": Declared})) from None
+    declaration = read_declaration(file, Declaration, ProgramError, Declared)
     if declaration.name in BUILT_IN:
         raise ProgramError(str(file), [Problem("name", shown(declaration.name), "expected another name: an engine of "
                                                "the suite has it")])

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Literal
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import StrictBool, StrictStr
+from pydantic import StrictBool, StrictStr, ValidationError
 
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES
 from stiction.engines.protocol import BadTrajectory, Capabilities, Engine
-from stiction.scenes import Scene
+from stiction.scenes import FileError, Scene, SceneError
+from stiction.scenes.errors import problems_in_tables
 from stiction.scenes.fields import Model
+from stiction.scenes.loading import read_toml
 from stiction.scenes.result_table import ResultTable
 from stiction.scenes.trajectory import stacked
 
+Declaration = TypeVar("Declaration", bound=Model)
 DEFAULT_RTOL = 1e-6
 """Relative tolerance where none is given."""
 DIFFERENCES = "differences of velocities (adapter)"
@@ -79,6 +84,33 @@ class DeclaredEngine(Engine):
                 return (f"joints.{name}: {self.name} declares no static coefficient; mus = "
                         f"{guide.static_coefficient:g} is not mu = {guide.mu:g}")
         return None
+
+
+def read_declaration(file: Path, model: type[Declaration], error: type[FileError],
+                     capabilities: type[Declared]) -> Declaration:
+    """Read a TOML file of a model whose table ``capabilities`` is of another.
+
+    Raises
+    ------
+    FileError
+        Of the class `error`, with all problems of the file at once.
+    """
+    try:
+        return model.model_validate(read_toml(file, str(file)))
+    except SceneError as found:  # of the file itself
+        raise error(str(file), found.problems) from None
+    except ValidationError as found:
+        raise error(str(file), problems_in_tables(found, model, {"capabilities": capabilities})) from None
+
+
+@contextmanager
+def results_of(name: str) -> Iterator[None]:
+    """Make what is wrong with a table a `BadTrajectory` of the engine of this name."""
+    try:
+        yield
+    except FileError as error:
+        raise BadTrajectory(f"{name} returned a result that cannot be used: "
+                            + "; ".join(map(str, error.problems))) from None
 
 
 def state_columns(scene: Scene) -> list[str]:

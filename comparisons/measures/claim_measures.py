@@ -35,7 +35,7 @@ ADJACENT, OPPOSITE = ("1+2", "3+4"), ("1+3", "2+4")
 
 
 @dataclass(frozen=True)
-class Finding:
+class ClaimMargin:
     """A margin, positive where the claim holds, and the finding in words; `some`: it holds of a part of its subject."""
 
     margin: float
@@ -64,31 +64,31 @@ class Example:
         return self.stretch(case, **{name: self.cases[other].parameters[name]})
 
 
-def below(value: float, limit: float, words: str) -> Finding:
+def below(value: float, limit: float, words: str) -> ClaimMargin:
     """Judge a value that is to be less than a limit."""
-    return Finding(limit - value, words)
+    return ClaimMargin(limit - value, words)
 
 
-def above(values: Sequence[float], limit: float, words: str) -> Finding:
+def above(values: Sequence[float], limit: float, words: str) -> ClaimMargin:
     """Judge values that are all to exceed a limit."""
-    return Finding(min(values) - limit, words, max(values) > limit)
+    return ClaimMargin(min(values) - limit, words, max(values) > limit)
 
 
-def all_of(so: Sequence[bool], words: str) -> Finding:
+def all_of(so: Sequence[bool], words: str) -> ClaimMargin:
     """Judge a statement that is to hold each time; the margin is half a time where it does."""
-    return Finding(sum(so) / len(so) - 1 + 1 / (2 * len(so)), words, any(so))
+    return ClaimMargin(sum(so) / len(so) - 1 + 1 / (2 * len(so)), words, any(so))
 
 
-def as_said(so: bool, sizes: Sequence[float], words: str, some: bool = False) -> Finding:
+def as_said(so: bool, sizes: Sequence[float], words: str, some: bool = False) -> ClaimMargin:
     """Judge a statement by the smallest of the sizes that make it hold."""
-    return Finding(min(sizes) if so else -1.0, words, some)
+    return ClaimMargin(min(sizes) if so else -1.0, words, some)
 
 
-def sticks(example: Example, case: int) -> Finding:
+def sticks(example: Example, case: int) -> ClaimMargin:
     """Shortest stick phase, in which velocity and acceleration must vanish."""
     stretch = example.stretch(case)
     if not stretch.phases:
-        return Finding(-_restart(stretch), "no stick phase")
+        return ClaimMargin(-_restart(stretch), "no stick phase")
     rests = 0.0
     for start, end in stretch.phases:
         inside = (stretch.t > start) & (stretch.t < end)
@@ -96,18 +96,18 @@ def sticks(example: Example, case: int) -> Finding:
             largest = np.max(np.abs(stretch.columns[name][inside]), initial=0.0)
             rests = max(rests, float(largest) / stretch.maximum(name))
     shortest = min(end - start for start, end in stretch.phases)
-    return Finding(shortest if rests <= STILL else -rests,
+    return ClaimMargin(shortest if rests <= STILL else -rests,
                    f"{len(stretch.phases)} stick phases, {stretch.stick_time:.4f} s in all; "
                    f"velocity and acceleration in them at most {rests:.0e} of their largest")
 
 
-def slips(example: Example, case: int) -> Finding:
+def slips(example: Example, case: int) -> ClaimMargin:
     """Smallest acceleration after a stop."""
     stretch = example.stretch(case)
     if stretch.phases:
-        return Finding(-stretch.stick_time, f"stuck for {stretch.stick_time:.4f} s")
+        return ClaimMargin(-stretch.stick_time, f"stuck for {stretch.stick_time:.4f} s")
     least = _restart(stretch)
-    return Finding(least, f"never stuck; goes on with at least {least:.3g} m/s^2 where its velocity is zero")
+    return ClaimMargin(least, f"never stuck; goes on with at least {least:.3g} m/s^2 where its velocity is zero")
 
 
 def _restart(stretch: Stretch) -> float:
@@ -115,16 +115,16 @@ def _restart(stretch: Stretch) -> float:
     return min((abs(event.after[ACCELERATION]) for event in stretch.turning), default=np.inf)
 
 
-NO_EVENT = Finding(-1.0, "no event")
+NO_EVENT = ClaimMargin(-1.0, "no event")
 
 
-def periodic(example: Example, case: int) -> Finding:
+def periodic(example: Example, case: int) -> ClaimMargin:
     """Change from one period to the next."""
     change = example.stretch(case).change()
     return below(change, LINE, f"changes by {change:.1e} of its range from one period to the next")
 
 
-def jumps(example: Example, case: int, column: str, unit: str) -> Finding:
+def jumps(example: Example, case: int, column: str, unit: str) -> ClaimMargin:
     """Jumps of a column at events, against the largest smooth change."""
     stretch = example.stretch(case)
     sizes = [abs(event.jump(column)) for event in stretch.turning]
@@ -137,7 +137,7 @@ def jumps(example: Example, case: int, column: str, unit: str) -> Finding:
     return above(sizes, resolution, words)
 
 
-def friction_causes_jumps(example: Example, case: int) -> Finding:
+def friction_causes_jumps(example: Example, case: int) -> ClaimMargin:
     """Part of the jump of mass times acceleration that is no jump of friction, the largest of all events."""
     mass = SliderBar.from_scene(example.cases[case]).mass
     rest = [abs(1 - event.jump(FRICTION) / (mass * event.jump(ACCELERATION)))
@@ -148,7 +148,7 @@ def friction_causes_jumps(example: Example, case: int) -> Finding:
                  f"{max(rest):.0e}")
 
 
-def friction_turns(example: Example, case: int) -> Finding:
+def friction_turns(example: Example, case: int) -> ClaimMargin:
     """Friction of opposite signs before and after each event."""
     events = example.stretch(case).turning
     if not events:
@@ -160,7 +160,7 @@ def friction_turns(example: Example, case: int) -> Finding:
     return all_of(turned, f"friction changes its direction at {sum(turned)} of {len(events)} jumps ({kinds})")
 
 
-def contacts_alternate(example: Example, case: int) -> Finding:
+def contacts_alternate(example: Example, case: int) -> ClaimMargin:
     """Two adjacent and two opposite corners in turn, and how long each kind lasts."""
     found = example.stretch(case).configurations
     adjacent = [name in ADJACENT for name, _ in found]
@@ -171,14 +171,14 @@ def contacts_alternate(example: Example, case: int) -> Finding:
                    f"adjacent for {times[0]:.3f} s, opposite for {times[1]:.3f} s, {len(found) - 1} changes")
 
 
-def contacts_in_order(example: Example, case: int, order: Sequence[str]) -> Finding:
+def contacts_in_order(example: Example, case: int, order: Sequence[str]) -> ClaimMargin:
     """The first configurations, and how long each lasts."""
     found = example.stretch(case).configurations[:len(order)]
     return as_said([name for name, _ in found] == list(order), [seconds for _, seconds in found],
                    " -> ".join(f"{name} ({seconds:.3f} s)" for name, seconds in found))
 
 
-def contacts_as_in(example: Example, case: int, other: int) -> Finding:
+def contacts_as_in(example: Example, case: int, other: int) -> ClaimMargin:
     """The same cycle of configurations in the last period, and how long each lasts."""
     whole = (example.stretch(case), example.stretch(other))
     last = [stretch.between(stretch.end - stretch.period, stretch.end) for stretch in whole]
@@ -187,7 +187,7 @@ def contacts_as_in(example: Example, case: int, other: int) -> Finding:
     return as_said(one == two, times, f"case {case}: {' -> '.join(one)}; case {other}: {' -> '.join(two)}")
 
 
-def all_contacts(example: Example, case: int) -> Finding:
+def all_contacts(example: Example, case: int) -> ClaimMargin:
     """Times of the four configurations."""
     found = example.stretch(case).configurations
     times = {pair: sum(seconds for name, seconds in found if name == pair) for pair in ("1+3", "2+4", "1+2", "3+4")}
@@ -205,20 +205,20 @@ def _listed(ratios: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {ratio:.3g} times" for name, ratio in ratios.items())
 
 
-def larger_than_in(example: Example, case: int, other: int) -> Finding:
+def larger_than_in(example: Example, case: int, other: int) -> ClaimMargin:
     """Largest corner force and largest moment, in units of the other case's."""
     ratios = _ratios(example.stretch(case), example.stretch(other))
     return above(list(ratios.values()), 1, _listed(ratios))
 
 
-def larger_by_parameters(example: Example, case: int, other: int, names: Sequence[str]) -> Finding:
+def larger_by_parameters(example: Example, case: int, other: int, names: Sequence[str]) -> ClaimMargin:
     """Largest corner force and moment of the other case with each of the parameters alone as in this one."""
     ratios = {name: _ratios(example.with_parameter(name, other, case), example.stretch(other)) for name in names}
     sizes = [ratio for found in ratios.values() for ratio in found.values()]
     return above(sizes, 1, "; ".join(f"{name} alone: {_listed(found)}" for name, found in ratios.items()))
 
 
-def parameter_decides(example: Example, case: int, other: int, name: str) -> Finding:
+def parameter_decides(example: Example, case: int, other: int, name: str) -> ClaimMargin:
     """One parameter exchanged between the two cases: this one must stick, the other must not."""
     here, there = example.with_parameter(name, case, other), example.with_parameter(name, other, case)
     words = (f"case {case} with the {name} of case {other} is stuck for {here.stick_time:.3f} s of "
@@ -226,7 +226,7 @@ def parameter_decides(example: Example, case: int, other: int, name: str) -> Fin
     return _one_sticks(here, there, words)
 
 
-def amplitude_decides(example: Example, case: int, other: int) -> Finding:
+def amplitude_decides(example: Example, case: int, other: int) -> ClaimMargin:
     """Two cases that differ in F0 alone: this one must stick, the other must not."""
     one, two = example.stretch(case), example.stretch(other)
     parameters = example.cases[other].parameters
@@ -236,16 +236,16 @@ def amplitude_decides(example: Example, case: int, other: int) -> Finding:
     return _one_sticks(one, two, words, alone=differing == {"F0"})
 
 
-def _one_sticks(sticking: Stretch, slipping: Stretch, words: str, alone: bool = True) -> Finding:
+def _one_sticks(sticking: Stretch, slipping: Stretch, words: str, alone: bool = True) -> ClaimMargin:
     one, two = bool(sticking.stick_time), bool(slipping.stick_time)
     return as_said(one and not two and alone, (sticking.stick_time, _restart(slipping)), words, one != two)
 
 
-def sticks_below_threshold(example: Example, case: int) -> Finding:
+def sticks_below_threshold(example: Example, case: int) -> ClaimMargin:
     """Stick phases below the threshold, none above it, at `AMPLITUDES` of it."""
     F0 = example.threshold.F0
     if F0 is None:
-        return Finding(-1.0, f"no threshold: {example.threshold.note}")
+        return ClaimMargin(-1.0, f"no threshold: {example.threshold.note}")
     stretches = {factor: example.stretch(case, F0=factor * F0) for factor in AMPLITUDES}
     right = [factor for factor, stretch in stretches.items() if bool(stretch.stick_time) == (factor < 1)]
     still = [factor for factor, stretch in stretches.items()
@@ -258,7 +258,7 @@ def sticks_below_threshold(example: Example, case: int) -> Finding:
     return as_said(len(right) == len(AMPLITUDES), distances, words, bool(right))
 
 
-MEASURES: dict[str, Callable[..., Finding]] = {measure.__name__: measure for measure in (
+MEASURES: dict[str, Callable[..., ClaimMargin]] = {measure.__name__: measure for measure in (
     periodic, sticks, slips, jumps, friction_causes_jumps, friction_turns, contacts_alternate, contacts_in_order,
     contacts_as_in, all_contacts, larger_than_in, larger_by_parameters, parameter_decides, amplitude_decides,
     sticks_below_threshold)}

@@ -31,7 +31,7 @@ _MOST_CHOICES, _MOST_PIVOTS = 300, 40
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Decision:
     """A decision on a problem, `SOLVED`, `NONE` or `OPEN`, with its proof.
 
     Either an exact solution y, x, `isolated` where no other one is near: one of each pair is positive (of those not
@@ -83,7 +83,7 @@ Choice = dict[int, int]
 """1 by pair where y is zero (x is left), -1 where x is zero."""
 
 
-def decide(problem: Problem) -> Verdict:
+def decide(problem: Problem) -> Decision:
     """Decide a problem; see the module's text."""
     reduced = _Reduced(problem)
     if len(problem.y):
@@ -93,7 +93,7 @@ def decide(problem: Problem) -> Verdict:
     return _search(reduced)
 
 
-def _pivoted(reduced: _Reduced, choice: Choice) -> Verdict | None:
+def _pivoted(reduced: _Reduced, choice: Choice) -> Decision | None:
     """A solution near a choice: who would be negative changes places, all of them while they get fewer, else the last.
 
     Where a pair is zero to rounding, the exact numbers may require the other choice (K. G. Murty, Linear
@@ -138,19 +138,19 @@ def _particular(columns: list[list[fmpq]], right: list[fmpq]) -> list[fmpq] | No
     return values
 
 
-def _solution(signed: list[fmpq], isolated: bool = False) -> Verdict:
+def _solution(signed: list[fmpq], isolated: bool = False) -> Decision:
     """The solution with x - y given: one of each pair is zero."""
     zero = fmpq(0)
-    return Verdict(SOLVED, tuple(max(-u, zero) for u in signed), tuple(max(u, zero) for u in signed), isolated)
+    return Decision(SOLVED, tuple(max(-u, zero) for u in signed), tuple(max(u, zero) for u in signed), isolated)
 
 
-def _search(reduced: _Reduced) -> Verdict:
+def _search(reduced: _Reduced) -> Decision:
     """Branch on who is zero, where a solution of the linear conditions has both of a pair."""
     refutations: list[Refutation] = []
     choices: list[Choice] = [{}]
     for _ in range(_MOST_CHOICES):
         if not choices:
-            return Verdict(NONE, refutations=tuple(refutations))
+            return Decision(NONE, refutations=tuple(refutations))
         choice = choices.pop()
         allowed = [key for key in reduced.columns if choice.get(key[0], key[1]) == key[1]]
         point, vector = _feasible([reduced.columns[key] for key in allowed], reduced.right)
@@ -166,7 +166,7 @@ def _search(reduced: _Reduced) -> Verdict:
         if not both:
             return _completed(reduced, values)
         choices += [{**choice, both[0]: -guess[both[0]]}, {**choice, both[0]: guess[both[0]]}]
-    return Verdict(OPEN)
+    return Decision(OPEN)
 
 
 def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], list[fmpq] | None]:
@@ -200,7 +200,7 @@ def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], l
     return weights, None
 
 
-def _completed(reduced: _Reduced, values: dict[tuple[int, int], fmpq]) -> Verdict:
+def _completed(reduced: _Reduced, values: dict[tuple[int, int], fmpq]) -> Decision:
     """The solution with given values of the pairs, of which none has both; the unknowns of any sign follow."""
     rest = reduced.b.entries()
     for (i, side), value in values.items():
@@ -214,7 +214,7 @@ def _completed(reduced: _Reduced, values: dict[tuple[int, int], fmpq]) -> Verdic
                       for i in range(reduced.n)])
 
 
-def holds(problem: Problem, verdict: Verdict) -> bool:
+def holds(problem: Problem, verdict: Decision) -> bool:
     """Test a verdict by the problem alone.
 
     Of a solution the equations, the signs and the products; else that the refutations refute and that their choices

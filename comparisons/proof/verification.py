@@ -9,7 +9,7 @@ import pandas as pd
 
 from stiction.comparisons.complementarity.problems import UNSOLVABLE, Problem, read_problems
 from stiction.comparisons.complementarity.replay import Answer, Solver, answer, load_solver
-from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Verdict, decide, holds
+from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Decision, decide, holds
 from stiction.scenes import StictionError
 
 JUDGEMENTS = ("right", "misses a solution", "rightly none", "solves what has none", "wrong", "not judged")
@@ -24,7 +24,7 @@ class WrongProof(StictionError, AssertionError):
     """A verdict that its own test refutes: an error of this program."""
 
 
-def judge(given: Answer, verdict: Verdict) -> str:
+def judge(given: Answer, verdict: Decision) -> str:
     """One of `JUDGEMENTS`; a solver that was not asked, raised, or whose problem is not decided is not judged."""
     if given.outcome == "wrong":
         return "wrong"

@@ -22,14 +22,14 @@ SHOWN = 20
 
 
 @dataclass(frozen=True)
-class Verdict:
+class SceneOutcome:
     """Outcome of a scene, or of one run of it: one of the study's."""
 
     outcome: str
     detail: str = ""
     """What differs, or who stops when and why"""
     error: float = np.nan
-    """Of `Study.measure`; nan without a comparison"""
+    """Of `RandomScenes.measure`; nan without a comparison"""
     about: str = ""
     """The scene in words, enough to draw it again"""
 
@@ -37,11 +37,11 @@ class Verdict:
 class Judge(Protocol):
     """Function of a study that judges scene i of a seed."""
 
-    def __call__(self, seed: int, i: int, /, rtols: Sequence[float]) -> Sequence[Sequence[Verdict]]: ...
+    def __call__(self, seed: int, i: int, /, rtols: Sequence[float]) -> Sequence[Sequence[SceneOutcome]]: ...
 
 
 @dataclass(frozen=True)
-class Study:
+class RandomScenes:
     """Way to judge random scenes."""
 
     module: str
@@ -53,7 +53,7 @@ class Study:
     failing: tuple[str, ...]
     """Outcomes that no scene may have"""
     measure: str
-    """Name and unit of `Verdict.error`"""
+    """Name and unit of `SceneOutcome.error`"""
     rtols: tuple[float, ...]
     t_end: float
     """Longest motion, s"""
@@ -62,7 +62,7 @@ class Study:
         """Command that judges scene i of a seed."""
         return f"python -m {self.module} --seed {seed} --first {i} --count 1"
 
-    def table(self, verdicts: Iterable[Verdict]) -> pd.DataFrame:
+    def table(self, verdicts: Iterable[SceneOutcome]) -> pd.DataFrame:
         """Table of the number of verdicts by outcome, their share, and the largest finite error."""
         found = pd.DataFrame(verdicts, columns=["outcome", "detail", "error", "about"])
         errors = found["error"].replace(np.inf, np.nan).groupby(found["outcome"])
@@ -73,7 +73,7 @@ class Study:
         return table.rename_axis("outcome").reset_index()
 
     def judged(self, seed: int, scenes: Iterable[int], rtols: Sequence[float],
-               processes: int = 1) -> Iterator[Sequence[Sequence[Verdict]]]:
+               processes: int = 1) -> Iterator[Sequence[Sequence[SceneOutcome]]]:
         """Verdicts on scenes in their order, for each tolerance."""
         compile_kernels()  # here, lest every process does it
         call = partial(self.judge, seed, rtols=tuple(rtols))
@@ -96,7 +96,7 @@ class Study:
         seed = secrets.randbits(32) if given.seed is None else given.seed
         print(f"seed {seed}", flush=True)
         best, shown = next(iter(self.outcomes)), Counter[tuple[float, str]]()
-        found: dict[float, list[Verdict]] = {rtol: [] for rtol in given.rtol}
+        found: dict[float, list[SceneOutcome]] = {rtol: [] for rtol in given.rtol}
         scenes = range(given.first, given.first + given.count)
         for by_rtol in self.judged(seed, scenes, given.rtol, given.processes):
             for rtol, verdicts in zip(given.rtol, by_rtol):

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, Metric, Row
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.random_scenes import random_slider_bars, resting_mechanisms
-from stiction.comparisons.random_scenes.drawn_scenes import Study
+from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes
 from stiction.comparisons.truth import HIGH_PRECISION
 from stiction.engines.isolation import Task
 from stiction.engines.registry import load_engine
 
-STUDIES: Mapping[str, Study] = {"slider-bars": random_slider_bars.STUDY, "mechanisms": resting_mechanisms.STUDY}
+STUDIES: Mapping[str, RandomScenes] = {"slider-bars": random_slider_bars.STUDY, "mechanisms": resting_mechanisms.STUDY}
 """By the words of a report."""
 BATCH = {"slider-bars": 20, "mechanisms": 4}
 """Scenes of one run of a night: some seconds."""

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
+from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome
 from stiction.comparisons.truth import NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, load_scene, vary
@@ -66,22 +66,23 @@ def slider_bar(parameters: dict[str, float]) -> Scene:
     return vary(load_scene("slider-bar-case-1"), parameters)
 
 
-def judge(parameters: dict[str, float], rtols: Sequence[float]) -> tuple[Verdict, ...]:
+def judge(parameters: dict[str, float], rtols: Sequence[float]) -> tuple[SceneOutcome, ...]:
     """Run the reference at each tolerance and compare it with the truth."""
     scene, about = slider_bar(parameters), json.dumps(parameters)
     try:
         truth = slider_bar_truth(scene, T_END)
     except (NoMotion, Undecided) as refusal:
-        return tuple(Verdict(*_refused(refusal, _simulate(scene, rtol, T_END)), about) for rtol in rtols)
-    return tuple(Verdict(*_compared(scene, truth, rtol), about) for rtol in rtols)
+        return tuple(SceneOutcome(*_refused(refusal, _simulate(scene, rtol, T_END)), about) for rtol in rtols)
+    return tuple(SceneOutcome(*_compared(scene, truth, rtol), about) for rtol in rtols)
 
 
-def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[Verdict]]:
+def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[SceneOutcome]]:
     """Judge scene i of a seed."""
     return [[verdict] for verdict in judge(next(draws(1, seed, i)), rtols)]
 
 
-STUDY = Study("stiction.comparisons.random_scenes.random_slider_bars", judge_drawn, OUTCOMES, FAILING, "error [m, s]",
+STUDY = RandomScenes("stiction.comparisons.random_scenes.random_slider_bars", judge_drawn, OUTCOMES, FAILING,
+                     "error [m, s]",
               (1e-9, 1e-12), T_END)
 
 

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
+from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome
 from stiction.comparisons.random_scenes.one_freedom import (LONGEST_STEP, TOLERANCE, Motion, NoClearMotion, OneFreedom,
                                                             simulate)
 from stiction.engines.reference.engine import ReferenceEngine
@@ -216,19 +216,19 @@ OUTCOMES = {
     STOPS: "a typed breakdown, though there is one motion"}
 
 
-def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> Verdict:
+def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> SceneOutcome:
     """Hold a run to the motion: the first outcome that is not agreement; its error in units of what is allowed."""
     about = f"{scene.name}, {run.settings['stabilization']['method']}"
     if run.breakdown is not None:
-        return Verdict(STOPS, str(run.breakdown), about=about)
+        return SceneOutcome(STOPS, str(run.breakdown), about=about)
     bound, worst = max(RESERVE * rtol, OWN_ERROR), 0.0
     for outcome, found in ((SLIPS, _slips(motion, run)), (OTHER_EVENTS, _events(motion, run, bound)),
                            (OTHER_MOTION, _motion(motion, run, bound)), (NO_BALANCE, _balance(motion, run, bound))):
         for error, detail in found:
             if not error <= 1:
-                return Verdict(outcome, detail, float(error), about)
+                return SceneOutcome(outcome, detail, float(error), about)
             worst = max(worst, float(error))
-    return Verdict(AGREES, "", worst, about)
+    return SceneOutcome(AGREES, "", worst, about)
 
 
 def _slips(motion: Motion, run: Trajectory) -> Iterator[tuple[float, str]]:
@@ -323,7 +323,7 @@ def runs(scene: Scene, rtols: Sequence[float]) -> Iterator[tuple[float, Trajecto
                                                    event_values=False)
 
 
-def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[Verdict]]:
+def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[SceneOutcome]]:
     """Judge mechanism i of a seed.
 
     The motion looks for switches at the ends of its steps, where two of them in a step go unseen, and some mechanisms
@@ -340,7 +340,7 @@ def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[Verdict]
     return [verdicts[k:k + len(STABILIZATIONS)] for k in range(0, len(verdicts), len(STABILIZATIONS))]
 
 
-STUDY = Study("stiction.comparisons.random_scenes.resting_mechanisms", judge_drawn, OUTCOMES,
+STUDY = RandomScenes("stiction.comparisons.random_scenes.resting_mechanisms", judge_drawn, OUTCOMES,
               tuple(outcome for outcome in OUTCOMES if outcome != AGREES),
               "error, in what is allowed [-]", RTOLS, LONGEST)
 

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.measures.claim_measures import CORNERS, EFFORT, LINE, MEASURES, Example, Finding
+from stiction.comparisons.measures.claim_measures import CORNERS, EFFORT, LINE, MEASURES, ClaimMargin, Example
 from stiction.comparisons.measures.drift_growth import BOUNDED, INCONCLUSIVE, ROUNDED
 from stiction.comparisons.measures.steady_stretch import Stretch, run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.studies.stabilization_drift import LENGTHS, NONE, PAPERS, drift_findings, longest, run_name
@@ -72,12 +72,12 @@ class Claim:
         """The case it is about, the first of several."""
         return int(self.case[0])
 
-    def measured(self, views: Views, view: View) -> Finding:
+    def measured(self, views: Views, view: View) -> ClaimMargin:
         """The margin in one of the views; not a number where there is no such motion."""
         try:
             return MEASURES[self.measure](Example(views.cases, views.threshold, view), self.number, **self.arguments)
         except (NoSteadyState, NoMotion) as error:
-            return Finding(float("nan"), str(error))
+            return ClaimMargin(float("nan"), str(error))
 
 
 _FILE = resources.files("stiction.comparisons") / "data" / "paper_claims.toml"
@@ -221,7 +221,7 @@ def _examine(claim: Claim, views: Views) -> dict[str, Any]:
     return row | (_needs(claim, views) if said in (HOLDS, STEADY, CONTRADICTS) else {})
 
 
-def findings(claim: Claim, views: Views, truths_only: bool = False) -> dict[str, Finding]:
+def findings(claim: Claim, views: Views, truths_only: bool = False) -> dict[str, ClaimMargin]:
     """Measure a claim on each stretch of motion; one about the beginning on those from the start."""
     where: dict[str, View] = {"truth, from the start": views.truth, "truth, steady": views.steady_truth}
     if not truths_only:
@@ -231,7 +231,7 @@ def findings(claim: Claim, views: Views, truths_only: bool = False) -> dict[str,
             if "start" in name or not claim.beginning}
 
 
-def verdict(claim: Claim, found: Mapping[str, Finding]) -> str:
+def verdict(claim: Claim, found: Mapping[str, ClaimMargin]) -> str:
     """Return the verdict that follows from the findings on each stretch.
 
     A claim holds where it does on all of them; in the steady state only where it does on both stretches of that, and

@@ -61,14 +61,14 @@ class SweepRefused(InputError):
 
 
 @dataclass(frozen=True)
-class Axis:
+class SweepAxis:
     """A value of the scene, by its key as in `vary`, and the values it takes."""
 
     key: str
     values: tuple[float, ...]
 
 
-def parse_axis(text: str) -> Axis:
+def parse_axis(text: str) -> SweepAxis:
     """An axis of ``KEY=FROM:TO:COUNT`` (equal distances, both ends included) or ``KEY=A,B,..``, with arithmetic.
 
     Raises
@@ -95,7 +95,7 @@ def parse_axis(text: str) -> Axis:
         numbers = np.linspace(low, high, int(count)).tolist()
     if len(set(numbers)) < len(numbers):
         raise InputError(f"axis {key}: found {given!r}; expected values that differ from each other")
-    return Axis(key, tuple(numbers))
+    return SweepAxis(key, tuple(numbers))
 
 
 def usual_end(scene: Scene) -> float:
@@ -112,7 +112,7 @@ class Specification:
 
     Attributes
     ----------
-    axes : tuple of Axis
+    axes : tuple of SweepAxis
         The last one varies fastest.
     measures : tuple of str
         Of `MEASURES`, or ``"threshold"``: largest F0 with a stick phase, along the axes that are not F0.
@@ -130,7 +130,7 @@ class Specification:
     """
 
     scene: Scene
-    axes: tuple[Axis, ...]
+    axes: tuple[SweepAxis, ...]
     measures: tuple[str, ...]
     run: SteadyRun
     timeout_s: float = TIME_LIMIT
@@ -162,7 +162,7 @@ class Specification:
         for axis in self.axes:
             self._check(axis)
 
-    def _check(self, axis: Axis) -> None:
+    def _check(self, axis: SweepAxis) -> None:
         """One value at least must give a scene; the points of others are rows with the reason."""
         problem: SceneError | None = None
         for value in axis.values:
@@ -185,7 +185,7 @@ class Specification:
         wanted = {THRESHOLD: THRESHOLD in self.measures, "map": bool(self.run_measures)}  # the slowest first
         return [part for part, is_wanted in wanted.items() if is_wanted]
 
-    def grid(self, part: str) -> tuple[Axis, ...]:
+    def grid(self, part: str) -> tuple[SweepAxis, ...]:
         """The axes of ``"map"`` or, without the amplitude, of ``"threshold"``."""
         return tuple(axis for axis in self.axes if part == "map" or axis.key != AMPLITUDE)
 

@@ -62,7 +62,7 @@ SHORTEST = 0.5
 
 
 @dataclass(frozen=True)
-class Sample:
+class VisitTimes:
     """Result of a visit: medians over its `runs`, CPU seconds.
 
     `setup_s`, `stepping_s` and `own_s` are those of `stiction.scenes.Cost`, `kernel_s` is that of the calibration
@@ -76,7 +76,7 @@ class Sample:
     runs: int
 
 
-def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Sample:
+def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> VisitTimes:
     """Time a run that has succeeded before, for arguments of `Engine.simulate`; meant for a child process by itself.
 
     Times are those that the engine states (set-up, stepping), of the whole run where it states none.
@@ -91,7 +91,7 @@ def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Sample:
     kernels += [seconds_of(kernel)[1] for _ in range(KERNELS)]
     setup, stepping, own = (median(getattr(cost, name) for cost in costs)
                             for name in ("setup_s", "stepping_s", "own_s"))
-    return Sample(setup, stepping, own, median(kernels), len(costs))
+    return VisitTimes(setup, stepping, own, median(kernels), len(costs))
 
 
 def stated_cost(run: Trajectory, seconds: float) -> Cost:
@@ -227,7 +227,7 @@ class Timing:
     ----------
     trajectory : Trajectory
         As it was requested; its cost has the medians of the samples.
-    samples : tuple of Sample
+    samples : tuple of VisitTimes
         By round.
     others : tuple of float
         Cores that other work kept busy, by round; nan where a round was too short to measure that.
@@ -236,12 +236,12 @@ class Timing:
     """
 
     trajectory: Trajectory
-    samples: tuple[Sample, ...] = ()
+    samples: tuple[VisitTimes, ...] = ()
     others: tuple[float, ...] = ()
     reason: str = ""
 
     def interval(self, name: str) -> Interval:
-        """Interval of `Sample.setup_s`, `stepping_s`, `own_s` or `kernel_s`."""
+        """Interval of `VisitTimes.setup_s`, `stepping_s`, `own_s` or `kernel_s`."""
         return median_interval([getattr(sample, name) for sample in self.samples])
 
     @property

@@ -12,7 +12,7 @@ import pandas as pd
 
 from stiction.comparisons.digest import digest, scene_digest
 from stiction.comparisons.timing.intervals import median_interval
-from stiction.comparisons.timing.rounds import Sample, Timing, in_rounds, load, others, visit
+from stiction.comparisons.timing.rounds import Timing, VisitTimes, in_rounds, load, others, visit
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines.isolation import Isolate, Outcome, Task
 from stiction.scenes import Scene, Trajectory, vary
@@ -62,7 +62,7 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated:
     loads: list[float] = []
     failures: dict[str, str] = {}
 
-    def one_round(keys: Sequence[str]) -> dict[str, Sample]:
+    def one_round(keys: Sequence[str]) -> dict[str, VisitTimes]:
         before = load()
         outcomes = isolated([tasks[key] for key in keys], workers=1, timeout_s=timeout_s, on_result=on_result)
         loads.append(others(before, load()))

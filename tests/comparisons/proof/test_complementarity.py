@@ -20,7 +20,8 @@ from stiction.comparisons.complementarity.exchange import read_folder, write_fol
 from stiction.comparisons.complementarity.problems import SOLVED as STORED_SOLUTION
 from stiction.comparisons.complementarity.problems import UNSOLVABLE, Problem, read_problems
 from stiction.comparisons.complementarity.replay import Answer, answer
-from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Refutation, Verdict, _feasible, decide, holds
+from stiction.comparisons.proof.complementarity import (NONE, OPEN, SOLVED, Decision, Refutation, _feasible, decide,
+                                                        holds)
 from stiction.comparisons.proof.verification import judge, verified
 from stiction.engines import load_engine
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
@@ -120,8 +121,8 @@ def test_false_verdicts_do_not_hold(stored):
     for change in (fmpq(1, 10 ** 30), -2 * verdict.x[i]):
         x = tuple(v + change if j == i else v for j, v in enumerate(verdict.x))
         assert not holds(problem, replace(verdict, x=x))
-    assert not holds(problem, Verdict(NONE))
-    assert not holds(problem, Verdict(NONE, refutations=(Refutation((), (fmpq(1),) * len(problem.b)),)))
+    assert not holds(problem, Decision(NONE))
+    assert not holds(problem, Decision(NONE, refutations=(Refutation((), (fmpq(1),) * len(problem.b)),)))
 
 
 def test_a_branch_left_out_is_noticed(stored):
@@ -169,7 +170,7 @@ def test_at_least_95_percent_of_the_set_are_decided():
     ("solved", NONE, "solves what has none"), ("wrong", SOLVED, "wrong"), ("solved", OPEN, "not judged"),
     ("raised", SOLVED, "not judged"), ("not an LCP", NONE, "not judged")])
 def test_judgements(outcome, decided, expected):
-    assert judge(Answer("", outcome, 0.0, 0.0), Verdict(decided)) == expected
+    assert judge(Answer("", outcome, 0.0, 0.0), Decision(decided)) == expected
 
 
 def some(stored):

@@ -17,7 +17,7 @@ from stiction.comparisons.campaigns.regression import COULD_NOT_RUN, REGRESSION,
 from stiction.comparisons.environment import origin
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.random_scenes import random_slider_bars, resting_mechanisms
-from stiction.comparisons.random_scenes.drawn_scenes import Study, Verdict
+from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome
 from stiction.comparisons.random_scenes.night_draws import BATCH, STUDIES, Draw, draws_of_night, sentences_on_draws
 from stiction.comparisons.random_scenes.random_slider_bars import draws
 from stiction.engines import Outcome
@@ -69,7 +69,7 @@ def test_draws_are_in_the_history_with_their_seed(night):
 @pytest.mark.parametrize("module", [random_slider_bars, resting_mechanisms])
 def test_what_is_silently_wrong_is_a_regression_with_the_command_that_repeats_it(night, monkeypatch, module):
     def wrong(*_):
-        found = Verdict(module.STUDY.failing[0], "event 3: truth stick, run slip", 0.1, "this scene")
+        found = SceneOutcome(module.STUDY.failing[0], "event 3: truth stick, run slip", 0.1, "this scene")
         return found if module is resting_mechanisms else [found]
 
     monkeypatch.setattr(module, "judge", wrong)
@@ -122,13 +122,13 @@ def test_no_baseline_holds_a_draw():
 
 
 def by_parity(seed, i, rtols):
-    return [[Verdict("even" if (seed + i) % 2 == 0 else "odd", "" if (seed + i) % 2 == 0 else f"{seed + i} is odd",
+    return [[SceneOutcome("even" if (seed + i) % 2 == 0 else "odd", "" if (seed + i) % 2 == 0 else f"{seed + i} is odd",
                      float(i), f"scene {i}")] for _ in rtols]
 
 
 @pytest.mark.parametrize("processes", [1, 2])
 def test_command_line_of_a_study(capsys, processes):
-    study = Study("tests.none", by_parity, {"even": "good", "odd": "bad", "neither": "impossible"}, ("odd",),
+    study = RandomScenes("tests.none", by_parity, {"even": "good", "odd": "bad", "neither": "impossible"}, ("odd",),
                   "index [-]", (1e-6, 1e-9), 2.0)
     code = study.main("Parity.", ["--count", "6", "--seed", "3", "--first", "1", "--processes", str(processes)])
     said = capsys.readouterr().out

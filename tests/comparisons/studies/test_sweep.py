@@ -21,7 +21,7 @@ from stiction.comparisons.campaigns.checkpoint import kept_file
 from stiction.comparisons.campaigns.executors import open_isolate
 from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.studies.steady_state_measures import MEASURES, SteadyRun, steady_window
-from stiction.comparisons.studies.sweep import Axis, Specification, SweepRefused, parse_axis, sweep
+from stiction.comparisons.studies.sweep import Specification, SweepAxis, SweepRefused, parse_axis, sweep
 from stiction.engines import isolate
 from stiction.reports.figures.map import sweep_drawings
 from stiction.reports.figures.style import rc
@@ -187,7 +187,7 @@ RANGES = {"F0": (0.5, 6), "Omega": (1, 2), "load.phase": (-1, 1), "mu": (-0.01, 
 def axes_of_two(draw):
     keys = draw(st.lists(st.sampled_from(sorted(RANGES)), min_size=1, max_size=3, unique=True))
     values = [draw(st.lists(st.floats(*RANGES[key]), min_size=2, max_size=2, unique=True)) for key in keys]
-    return tuple(map(Axis, keys, map(tuple, values)))
+    return tuple(map(SweepAxis, keys, map(tuple, values)))
 
 
 @settings(max_examples=15, deadline=None)

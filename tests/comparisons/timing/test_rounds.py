@@ -12,8 +12,8 @@ from stiction.comparisons.studies.work_precision import LEVEL, TIMING, work_prec
 from stiction.comparisons.timing import rounds
 from stiction.comparisons.timing.intervals import median_interval, ratio_interval
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL, _ratios
-from stiction.comparisons.timing.rounds import (BLOCK, BUSY, LEAST, LONG, MOST, REPEATS, ROUND, Load, Sample, Timing,
-                                                bare_run, block, in_rounds, others, visit)
+from stiction.comparisons.timing.rounds import (BLOCK, BUSY, LEAST, LONG, MOST, REPEATS, ROUND, Load, Timing,
+                                                VisitTimes, bare_run, block, in_rounds, others, visit)
 from stiction.comparisons.timing.timed_runs import time_runs
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines import load_engine
@@ -25,7 +25,7 @@ RUN = load_engine("reference").simulate(load_scene("pendulum"), rtol=1e-6, t_end
 
 
 def sample(own_s, kernel_s=1e-3):
-    return Sample(0.0, 2 * own_s, own_s, kernel_s, 1)
+    return VisitTimes(0.0, 2 * own_s, own_s, kernel_s, 1)
 
 
 @pytest.mark.parametrize("seconds, counted", [(1e-9, REPEATS), (BLOCK / 9.5, 10), (LONG, 1), (2 * LONG, 1)])

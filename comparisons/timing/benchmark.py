@@ -25,7 +25,6 @@ import numpy as np
 from stiction.comparisons.campaigns.participants import REFERENCE, cost_variants
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.timing.intervals import Interval, median_interval, ratio_interval
-from stiction.comparisons.timing.mechanism_families import FAMILIES
 from stiction.comparisons.timing.reduced_integrator import integrate, parameters
 from stiction.comparisons.timing.rounds import MOST, block, in_rounds
 from stiction.comparisons.truth import slider_bar_truth
@@ -36,8 +35,6 @@ from stiction.scenes import Scene, Trajectory, load_scene
 SCENE, RTOL = "slider-bar-case-1", 1e-9
 STABILIZATIONS = ("projection", "none", "baumgarte")
 RIVAL, PAPERS = "independent", "paper's scheme"
-SIZES = (((10, 100, 1000), 1.0), ((10, 50, 200), 0.5), ((10, 25, 50), 0.25), ((10, 50, 200), 0.25))
-"""Sizes of the families of `stiction.comparisons.timing.mechanism_families`, and seconds of each run."""
 PERIOD = 8.0
 """Seconds of the runs of `engine_costs`: one period."""
 WIDTH = 100
@@ -64,7 +61,6 @@ def main(arguments: Sequence[str] = ()) -> None:
 def benchmark(scene: Scene) -> Iterator[str]:
     """Lines of the benchmark, as they become known."""
     yield from _methods(scene)
-    yield from _scale()
     yield from _start_up()
 
 
@@ -127,24 +123,6 @@ def engine_costs(scene: Scene) -> Iterator[str]:
         yield f"| {' | '.join([row['variant'], version, *found])} |"
     yield ""
     yield from (f"({number}) {note}" for note, number in notes.items())
-
-
-def _scale() -> Iterator[str]:
-    """CPU time of whole runs, scene to trajectory, over the size of the scene."""
-    reference = ReferenceEngine()
-    for (name, build), (sizes, t_end) in zip(FAMILIES.items(), SIZES):
-        scenes, runs = {n: build(n) for n in sizes}, {}
-
-        def run(n: int) -> None:
-            runs[n] = reference.simulate(scenes[n], t_end=t_end, rtol=RTOL, output_step=t_end / 10, event_values=False)
-
-        times = in_rounds(sizes, lambda ns: {n: median(cpu for _, cpu in block(lambda: run(n))) for n in ns}, float)
-        [power, _] = np.polyfit(np.log(sizes), np.log([median(times[n]) for n in sizes]), 1)
-        yield f"\n{name}, {t_end:g} s: CPU grows with the power {power:.2f} of n"
-        for n in sizes:
-            ended = "" if runs[n].termination == "end" else f", {runs[n].termination}"
-            each, events = 1e3 * median(times[n]) / n, runs[n].cost.counters["events"]
-            yield f"  n = {n:4d}  {_spread(times[n])} ms, {each:8.3f} ms each; {events} events{ended}"
 
 
 def _start_up() -> Iterator[str]:

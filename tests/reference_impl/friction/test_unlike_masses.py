@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mechanism_families import barred_chain, closed_loop
 from random_mechanisms import moderate_scene
 from reference_checks import simulate
 
 from stiction.comparisons.random_scenes.random_slider_bars import difference
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
-from stiction.comparisons.timing.mechanism_families import barred_chain, closed_loop
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines import load_engine
 from stiction.reference_impl.friction.contact_modes import solve_mode

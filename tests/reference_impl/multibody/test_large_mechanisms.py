@@ -5,11 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mechanism_families import barred_chain, closed_loop, independent_slider_bars, sprung_chain
 from reference_checks import energy_defect
 from scipy.integrate import solve_ivp
 
-from stiction.comparisons.timing.mechanism_families import (barred_chain, closed_loop, independent_slider_bars,
-                                                            sprung_chain)
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.friction.mode_transition import choose_mode

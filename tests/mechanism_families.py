@@ -1,8 +1,8 @@
-"""Mechanisms of any size, by which the growth of the cost is measured."""
+"""Mechanisms of any size."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from math import cos, hypot, pi, sin
 from typing import Any
 
@@ -41,11 +41,6 @@ def closed_loop(n: int) -> Scene:
     directions = [(cos(2 * pi * k / n), sin(2 * pi * k / n)) for k in range(n)]
     guides = [((radius * x, radius * y), (x, y)) for x, y in directions]
     return _barred(guides, True, f"closed-loop-{n}")
-
-
-FAMILIES: Mapping[str, Callable[[int], Scene]] = {
-    "independent slider-bars": independent_slider_bars, "chain joined by springs": sprung_chain,
-    "chain joined by bars": barred_chain, "closed loop of bars": closed_loop}
 
 
 def _copies(n: int) -> dict[str, Any]:

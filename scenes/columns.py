@@ -55,11 +55,11 @@ COLUMNS = (
 
 def columns_of(scene: Scene) -> list[str]:
     """Names of all columns that a trajectory of the scene can have, the time left out."""
-    owners = {"BODY": scene.bodies, "PIN": [name for name in scene.joints if name not in scene.guides],
-              "GUIDE": scene.guides, "DRIVE": scene.drives, "drift": ["drift"]}
+    guides = scene.guides
+    owners = {"BODY": scene.bodies, "PIN": scene.pins, "GUIDE": guides, "DRIVE": scene.drives, "drift": ["drift"]}
 
     def applies(column: Column, owner: str) -> bool:
-        guide = scene.guides.get(owner)
+        guide = guides.get(owner)
         return not column.where or guide is not None and ("friction" not in column.where or guide.frictional) and (
             "length" not in column.where or guide.length is not None)
 

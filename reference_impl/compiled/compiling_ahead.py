@@ -59,8 +59,8 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
             uniqueness._cell_has_several, mode_transition._settle, event_driven._begin, event_driven.begin_mode,
             event_driven._is_held, event_location.go_to_event, contact_solvers.solve_contact, uniqueness._gain_of_cell,
             uniqueness.friction_gain, event_driven._come_to_rest, guides_at_rest.rest_together,
-            guides_at_rest._rest_together, guides_at_rest._unit_rows, event_driven._break_away,
-            guides_at_rest.leave_together, guides_at_rest._leave_together,
+            guides_at_rest._rest_together, guides_at_rest._unit_rows, guides_at_rest._are_independent,
+            event_driven._break_away, guides_at_rest.leave_together, guides_at_rest._leave_together,
             event_driven._count_other_modes, mode_transition.other_modes, mode_transition._other_modes,
             linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale, hlcp._multiply, hlcp._violation,
             *rest, mode_transition.choose_mode, trajectory_columns.imbalance)

@@ -10,7 +10,8 @@ the freedom that is left cannot move guide f. Unless a drive moves it, it is at 
 speed. In the same way a guide that breaks away takes those with it that would hold it.
 
 Dependence is measured in the kinetic metric: rows of J M^-1/2 of unit size, orthogonalized in turn (Gram and Schmidt,
-each twice).
+each twice). That is a dense system. A large cell, whose G is a band, is spared it where the elimination of G with all
+guides held finds no small pivot: then no guide depends on others.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Flags, Integers, Reals, Table, at
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import RANK_TOLERANCE
+from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, RANK_TOLERANCE, solve_in_place
 from stiction.reference_impl.compiled.loops import taken
-from stiction.reference_impl.multibody.banded_systems import guides_of
+from stiction.reference_impl.multibody.banded_systems import fill_cell, fill_cell_of, guides_of
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
@@ -60,16 +61,18 @@ def rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals) 
         Whether guides rest together: more are at rest than there were freedoms to hold.
     """
     if len(m.cell) < 2:
-        return _rest_together(m, w, held, speed, v)
+        return not _are_independent(m, w) and _rest_together(m, w, held, speed, v)
     found = False
     for c in range(len(m.cell)):
+        fill_cell_of(m, w, c)
         own_m = at(m.separate[c], m)
         guides = guides_of(m, own_m)
         own_held, count = np.zeros(len(guides), dtype=np.bool_), 0
         for i in range(len(guides)):
             own_held[i] = held[guides[i]]
             count += own_held[i]
-        if count > 0 and _rest_together(own_m, w, own_held, speed, v):
+        if (count > 0 and not _are_independent(own_m, at(w.separate[c], w))
+                and _rest_together(own_m, w, own_held, speed, v)):
             found = True
             for i in range(len(guides)):
                 held[guides[i]] = own_held[i]
@@ -120,10 +123,13 @@ def leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness
     slip, stuck : ndarray, shape (frictional,)
         The directions, and which guides are at rest: changed in place.
     """
+    slip[guide], stuck[guide] = direction, False
     if len(m.cell) < 2:
-        _leave_together(m, w, guide, direction, firmness, slip, stuck)
+        if not _are_independent(m, w):
+            _leave_together(m, w, guide, direction, firmness, slip, stuck)
         return
     for c in range(len(m.cell)):
+        fill_cell_of(m, w, c)
         own_m = at(m.separate[c], m)
         guides = guides_of(m, own_m)
         own, own_slip, own_stuck, own_firmness = (
@@ -135,7 +141,7 @@ def leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness
         for i in range(len(guides)):
             own = i if guides[i] == guide else own
             own_stuck[i], own_firmness[i] = stuck[guides[i]], firmness[guides[i]]
-        if own >= 0:
+        if own >= 0 and not _are_independent(own_m, at(w.separate[c], w)):
             _leave_together(own_m, w, own, direction, own_firmness, own_slip, own_stuck)
             for i in range(len(guides)):
                 slip[guides[i]], stuck[guides[i]] = own_slip[i], own_stuck[i]
@@ -145,7 +151,6 @@ def leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness
 def _leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness: Reals, slip: Integers,
                     stuck: Flags) -> None:
     """Variant of `leave_together` for one cell, with the workspace of the whole or its own."""
-    slip[guide], stuck[guide] = direction, False
     row, _ = _unit_rows(m, w)
     rate, basis, count, t = np.zeros(len(row)), np.zeros(len(row), dtype=np.int64), 0, m.rows + guide
     for f in range(len(m.friction)):
@@ -178,6 +183,21 @@ def _leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmnes
         else:
             _subtract(-along, row[r], free)
             slip[f], stuck[f] = direction if along > 0.0 else -direction, False
+
+
+@kernel
+def _are_independent(m: Arrays, w: Workspace) -> bool:
+    """Return True where a cell that is a band has no guide that depends on others; its G is in the workspace.
+
+    A pivot above ELIMINATION is the square of a part above 1e-3 of a row of unit size, far above DEPENDENT.
+    """
+    if not len(m.cell):
+        return False
+    band = m.cell[0].band
+    n = fill_cell(m, w, 0, band, w.A)
+    for i in range(n):
+        w.x[i] = 0.0
+    return solve_in_place(w.A, w.x, w.unit, n, band, ELIMINATION)
 
 
 @kernel(allocates=True)

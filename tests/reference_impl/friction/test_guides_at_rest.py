@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from reference_checks import simulate
 
+from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import scene_from_dict
 
 L, G = 1.0, 9.81
@@ -88,6 +89,25 @@ def test_rods_that_springs_connect_stop_each_at_its_own_time():
         for name in (f"along{k}", f"across{k}"):
             assert np.max(np.abs(run[f"{name}.slip_velocity"][run.t > stops[k]])) < 1e-12
     assert len(set(stops.values())) == count
+
+
+@pytest.mark.parametrize("stabilization", STABILIZATIONS)
+def test_guides_of_one_freedom_in_a_large_cell_stop_and_stay_together(stabilization):
+    """The falling rod with a light chain of 12 pendulums on its end: one cell that is solved as a band."""
+    turn, scene, held = 0.7, falling_rod(0.7), "A"
+    (x, y), down = scene["bodies"]["A"]["position"], (np.sin(turn), -np.cos(turn))
+    for k in range(12):
+        middle = [float(x + 0.05 * (2 * k + 1) * down[0]), float(y + 0.05 * (2 * k + 1) * down[1])]
+        scene["bodies"][f"link{k}"] = {"mass": 1e-3, "inertia": 1e-6, "position": middle, "angle": turn}
+        scene["joints"][f"hinge{k}"] = {"type": "revolute", "bodies": [f"link{k}", held],
+                                        "points": [[0, 0.05], [0, -0.05] if k else [0, 0]]}
+        held = f"link{k}"
+    scene = scene_from_dict(scene, "rod-with-chain")
+    assert len(Mechanism(scene).arrays.cell) == 1
+    run = simulate(scene, t_end=5.0, rtol=1e-6, output_step=0.01, stabilization=stabilization)
+    changes = {guide: [(event.kind, event.time) for event in run.events if event.joint == guide and event.kind in ("stick", "slip")]
+               for guide in ("along", "across")}
+    assert len(changes["along"]) >= 8 and changes["along"] == changes["across"]
 
 
 def stacked(kinetic: float) -> dict:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree as xml
 
-from stiction.engines.mujoco.contact import HARDER, Softness, add, add_guides, numbers
+from stiction.engines.mujoco.contact import Softness, add, add_guides, numbers
 from stiction.engines.mujoco.loads import ROTOR, Loads, add_loads, add_site
 from stiction.engines.shared.link_tree import Link, LinkTree
 from stiction.scenes import Scene
@@ -46,8 +46,12 @@ class Options:
         MuJoCo's constraints are soft: this share of the force that would hold is applied (``solimp``); less than 1.
     solver, integrator : str
         By MuJoCo's names.
-    noslip : bool
-        True where frictions are solved for once more, as if they were hard (``noslip_iterations``).
+    noslip_iterations : int
+        Sweeps that solve for frictions once more, as if they were hard.
+    cone : str
+        Of friction between contacts: elliptic or pyramidal.
+    impratio : float
+        Hardness of their friction over that of their normal direction.
     """
 
     timestep: float
@@ -55,7 +59,9 @@ class Options:
     impedance: float
     solver: str
     integrator: str
-    noslip: bool
+    noslip_iterations: int
+    cone: str = "pyramidal"
+    impratio: float = 1.0
 
 
 def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Options, softness: Softness | None = None,
@@ -81,7 +87,7 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
     option = xml.SubElement(root, "option", timestep=repr(timestep),
                             gravity=numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
                             integrator=options.integrator, solver=options.solver, iterations=str(options.iterations),
-                            tolerance="0", noslip_tolerance="0", noslip_iterations=str(NOSLIP * options.noslip))
+                            tolerance="0", noslip_tolerance="0", noslip_iterations=str(options.noslip_iterations))
     # without eulerdamp: dampers act as all loads do, at the start of a step
     flag = xml.SubElement(option, "flag", autoreset="disable", eulerdamp="disable")
     if softness is None:
@@ -89,8 +95,8 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
     else:
         # by bodies alone, a slider on a driven bar counts as lighter than its contacts find it
         flag.set("diagexact", "enable")
-        option.set("cone", "elliptic")
-        option.set("impratio", repr(HARDER))
+        option.set("cone", options.cone)
+        option.set("impratio", repr(options.impratio))
     stiffness, damping = -1.0 / timestep ** 2, -1.0 / timestep
     soft = {"solref": numbers(stiffness, damping), "solimp": numbers(impedance, impedance, 0.001, 0.5, 2.0)}
     elements: dict[int, xml.Element] = {-1: xml.SubElement(root, "worldbody")}

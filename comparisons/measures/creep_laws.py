@@ -1,7 +1,7 @@
-"""Creep that follows from a law of friction which is zero at rest: closed forms, to be found in runs of who has the law.
+"""Creep that follows from a law of friction which is zero at rest: closed forms, to be found in runs with that law.
 
-A law f = mu N g(v) with g(0) = 0 holds no load at rest. Under a steady load of part p of mu N a slider creeps with v =
-g^-1(p), whatever mu is and however N is shared by its contacts. Only an engine whose g jumps at 0, or has memory as
+A law f = mu N g(v) with g(0) = 0 holds no load at rest. Under a steady load of part p of mu N a slider creeps with
+v = g^-1(p), whatever mu is and however N is shared by its contacts. Only an engine whose g jumps at 0, or has memory as
 bristles have, holds. Parts are of [0, 1), all other arguments and the results in SI units.
 """
 

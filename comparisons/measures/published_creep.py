@@ -84,7 +84,7 @@ def _grasp(model: dict[str, Any], *, cone: str = "elliptic", impratio: float, no
         spec.add_actuator(target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_position(kp=model["stiffness"])
     capsule = spec.worldbody.add_body(name="capsule")
     capsule.add_freejoint()
-    capsule.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, mass=model["capsule_mass"], quat=[0.5**0.5, 0.5**0.5, 0.0, 0.0],
+    capsule.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, mass=model["capsule_mass"], quat=[1.0, 1.0, 0.0, 0.0],
                      size=[model["capsule_radius"], model["capsule_half_length"], 0.0], **surface)
     return spec.compile()
 

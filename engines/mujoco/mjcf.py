@@ -27,7 +27,8 @@ _HEADER = """
 _BOUND = ('frictionloss of joint "{name}" (N, here {placeholder:g}): mu (|n1| + |n2|) of its two corners with mu = '
           "{guide.mu!r}, and {guide.static_coefficient!r} while it sticks")
 _COEFFICIENTS = ('friction of the pairs "{name}.*": {guide.mu!r} while the slider slides, {guide.static_coefficient!r} '
-                 "while stick is undecided; solreffriction: less damping while it slides, see the adapter")
+                 "while stick is undecided")
+_DAMPING = "; solreffriction: less damping while it slides, see the adapter"
 _PLACEHOLDER = 1.0
 """Newtons of friction of a guide until its bound is set: without any MuJoCo leaves the row out."""
 
@@ -132,13 +133,14 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
     xml.SubElement(keyframe, "key", name=START, qpos=numbers(*position), qvel=numbers(*velocity),
                    ctrl=numbers(*loads.ctrl))
     if loaded:
-        root.insert(0, xml.Comment(_header(scene, timestep, loads, softness is not None)))
+        root.insert(0, xml.Comment(_header(scene, timestep, loads, softness)))
     xml.indent(root)
     return xml.tostring(root, encoding="unicode") + "\n"
 
 
-def _header(scene: Scene, timestep: float, loads: Loads, contacts: bool) -> str:
-    friction = [(_COEFFICIENTS if contacts else _BOUND).format(name=name, guide=guide, placeholder=_PLACEHOLDER)
+def _header(scene: Scene, timestep: float, loads: Loads, softness: Softness | None) -> str:
+    line = _BOUND if softness is None else _COEFFICIENTS if softness.time_constant else _COEFFICIENTS + _DAMPING
+    friction = [line.format(name=name, guide=guide, placeholder=_PLACEHOLDER)
                 for name, guide in scene.frictional_guides.items()]
     to_set, missing = ("".join(f"\n  - {line};" for line in lines) or " nothing."
                        for lines in (loads.to_set + friction, loads.missing))

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from stiction.comparisons.measures.creep_laws import convex_contact, linear_zone, near_rigid_friction, quadratic_zone, soft_norm
+from stiction.comparisons.measures.creep_laws import (convex_contact, linear_zone, near_rigid_friction, quadratic_zone,
+                                                      soft_norm)
 from stiction.engines import load_engine
 from stiction.scenes import scene_from_dict
 

@@ -18,7 +18,7 @@ def linear_zone(part: float, zone: float) -> float:
 def quadratic_zone(part: float, zone: float) -> float:
     """Return (1 - sqrt(1 - p)) zone, of g = 2 v/zone - (v/zone)^2.
 
-    That is the smoothing of incremental potential contact (Li et al. 2020, eq. 16 with its derivative f1), which
+    That is f1, the smoothing of "Incremental potential contact" (Li et al. 2020, section on friction), which
     Newton's VBD has (``friction_epsilon``). For small loads it is W zone/(2 mu N) of issue 3943 of newton-physics.
     """
     return (1.0 - sqrt(1.0 - part)) * zone

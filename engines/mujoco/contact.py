@@ -31,10 +31,6 @@ _CORNERS = {"lower": (0, 1), "upper": (2, 3)}
 """Of `slider_box`, those that a surface can touch."""
 _ROUNDING = 1e-3
 """Of the slider's width: radius of a corner. Nothing depends on it while the slider is parallel to the guide."""
-HARDER = 1e4
-"""Times the normal direction's (``impratio``): how hard friction is. It goes into the solver by its root, below the
-coefficient: with 1e8 and mu = 0.03 slip is lost. MuJoCo's ``noslip`` does nothing here: it gives up on a contact with a
-direction in which nothing can move, as that out of the plane."""
 _RECRUITED = 0.2
 """Of what a contact's softness takes up of its normal force: most that slip may recruit of it."""
 
@@ -52,11 +48,15 @@ class Softness:
         their velocity in it.
     clearance : float
         Metres between the slider and both surfaces together.
+    time_constant : float
+        Seconds in which contacts and their friction settle, MuJoCo's own form of ``solref``; where it is 0, `recovery`
+        and the damping of friction hold.
     """
 
     impedance: float
     recovery: float
     clearance: float
+    time_constant: float
 
 
 def numbers(*values: float) -> str:
@@ -118,9 +118,10 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
                 add(elements[link], "geom", name=f"{name}.corner{k + 1}", type="sphere", size=repr(radius),
                     pos=numbers(x + radius * inward[0] - origin[0], y + radius * inward[1] - origin[1], 0.0),
                     **untouched)
-                friction = {"friction": numbers(guide.kinetic_coefficient, guide.kinetic_coefficient, 0.0, 0.0, 0.0),
-                            "solreffriction": numbers(-1.0, -softness.impedance / timestep)} \
+                friction = {"friction": numbers(guide.kinetic_coefficient, guide.kinetic_coefficient, 0.0, 0.0, 0.0)} \
                     if guide.frictional else {}
+                if guide.frictional and not softness.time_constant:
+                    friction["solreffriction"] = numbers(-1.0, -softness.impedance / timestep)
                 add(
                     contact,
                     "pair",
@@ -131,7 +132,7 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
                     **friction,
                     # the direct format counts what a contact alone does with its impedance; two of them
                     # carry a flat box
-                    solref=numbers(
+                    solref=numbers(softness.time_constant, 1.0) if softness.time_constant else numbers(
                         -softness.impedance * softness.recovery / timestep**2,
                         -(1.0 + softness.impedance) / 2 / timestep,
                     ),

@@ -31,7 +31,7 @@ import numpy as np
 
 from stiction.engines.mujoco.contact import SIDES, Softness, slip_damping, slip_reference, surface
 from stiction.engines.mujoco.loads import ROTOR
-from stiction.engines.mujoco.mjcf import START, Options, joint_name, mjcf
+from stiction.engines.mujoco.mjcf import NOSLIP, START, Options, joint_name, mjcf
 from stiction.engines.protocol import EngineFailure, Refused, accepted
 from stiction.engines.shared.contact_friction import ContactFriction
 from stiction.engines.shared.contact_geometry import direction_of
@@ -54,7 +54,8 @@ _SETTINGS: Mapping[str, Defaults] = {
               "integrator": ("Euler", "implicitfast", "discrete", "RK4")},
     "contact": {"iterations": 100, "impedance": 2 / 3, "recovery": 0.8, "slip_reference": 1.5,
                 "clearance": 0.0, "solver": ("Newton", "CG"),
-                "friction_damping": ("adapted", "step")}}
+                "friction_damping": ("adapted", "step"), "time_constant": 0.0,
+                "cone": ("elliptic", "pyramidal"), "impratio": 1e4, "noslip_iterations": 0}}
 _MOST_FRICTION = 1.5
 """Up to which a sliding box of 3 : 1 is braked right to 1 %; by 1.08 and 1.25 times as much at 1.75 and 2, and at 2.5
 it is stopped."""
@@ -72,7 +73,11 @@ class MujocoEngine(TreeEngine):
     fidelity: `impedance` of contacts, `recovery` (share of their overlap that hard contacts make good in one step),
     `friction_damping` (adapted: what opposes slip with at most `slip_reference` times the acceleration that its bound
     and the last step show; step: what ends it within a step), `clearance` between a slider and both surfaces together,
-    in metres.
+    in metres; and what MuJoCo's manual names against slow slip: `cone` (elliptic, pyramidal), `impratio` (hardness of
+    friction over that of the normal direction; a sticking slider creeps with its inverse), `noslip_iterations` (sweeps
+    that solve for frictions as if they were hard; with pyramidal cones), `time_constant` (s; above 0 contacts and their
+    friction are damped as MuJoCo's ``solref`` has it, and `recovery`, `friction_damping` and `slip_reference` have no
+    effect). A user's plain contacts are ``time_constant=0.02 impedance=0.95 impratio=1 cone=pyramidal``.
     """
 
     name, called = "mujoco", "MuJoCo"
@@ -114,6 +119,12 @@ class MujocoEngine(TreeEngine):
         if options.get("slip_reference", 1.0) < 1:
             raise InputError(f"slip_reference: found {options['slip_reference']!r}; expected at least 1, with less "
                              "friction does not oppose slip")
+        if not options.get("impratio", 1.0) > 0:
+            raise InputError(f"impratio: found {options['impratio']!r}; expected a number > 0")
+        if options.get("noslip_iterations") and options["cone"] == "elliptic":
+            raise InputError(f"noslip_iterations: found {options['noslip_iterations']!r} with elliptic cones; expected "
+                             "cone=pyramidal, as noslip leaves an elliptic contact alone with a direction in which "
+                             "nothing can move, as that out of the plane")
         with _warnings() as said:
             yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options, said)
 
@@ -158,10 +169,11 @@ def _written(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, optio
               for link, sign in [motor_link(scene, tree, drive)]}
     if fidelity == "joint":
         softness, own = None, (options["impedance"], options["solver"], options["integrator"],
-                               options["noslip"] == "on")
+                               NOSLIP * (options["noslip"] == "on"))
     else:
-        softness = Softness(*(options[name] for name in ("impedance", "recovery", "clearance")))
-        own = (HARDEST, options["solver"], "Euler", False)
+        softness = Softness(*(options[name] for name in ("impedance", "recovery", "clearance", "time_constant")))
+        own = (HARDEST, options["solver"], "Euler",
+               *(options[name] for name in ("noslip_iterations", "cone", "impratio")))
     return mjcf(scene, tree, driven, Options(timestep, options["iterations"], *own), softness, loaded)
 
 
@@ -261,6 +273,7 @@ class _ContactStepper(_Stepper):
             options["impedance"],
             options["friction_damping"] == "adapted",
         )
+        self._damped = not options["time_constant"]  # else MuJoCo's own
         self._times = partial(slip_reference, options["slip_reference"], self._impedance)
         self._bounds, self._references = (
             model.pair_friction.reshape(-1).data,
@@ -298,7 +311,8 @@ class _ContactStepper(_Stepper):
             for pair in pairs:
                 # of five: two directions, and rotations, which have none
                 bounds[5 * pair] = bounds[5 * pair + 1] = coefficient
-                references[2 * pair + 1] = damping
+                if self._damped:
+                    references[2 * pair + 1] = damping
 
     def read_friction(self, caps: Sequence[float]) -> None:
         if not self._guides:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree as xml
 
-from stiction.engines.mujoco.contact import HARDER, Softness, add, add_guides, numbers
+from stiction.engines.mujoco.contact import Softness, add, add_guides, numbers
 from stiction.engines.mujoco.loads import ROTOR, Loads, add_loads, add_site
 from stiction.engines.shared.link_tree import Link, LinkTree
 from stiction.scenes import Scene
@@ -27,7 +27,8 @@ _HEADER = """
 _BOUND = ('frictionloss of joint "{name}" (N, here {placeholder:g}): mu (|n1| + |n2|) of its two corners with mu = '
           "{guide.mu!r}, and {guide.static_coefficient!r} while it sticks")
 _COEFFICIENTS = ('friction of the pairs "{name}.*": {guide.mu!r} while the slider slides, {guide.static_coefficient!r} '
-                 "while stick is undecided; solreffriction: less damping while it slides, see the adapter")
+                 "while stick is undecided")
+_DAMPING = "; solreffriction: less damping while it slides, see the adapter"
 _PLACEHOLDER = 1.0
 """Newtons of friction of a guide until its bound is set: without any MuJoCo leaves the row out."""
 
@@ -46,8 +47,12 @@ class Options:
         MuJoCo's constraints are soft: this share of the force that would hold is applied (``solimp``); less than 1.
     solver, integrator : str
         By MuJoCo's names.
-    noslip : bool
-        True where frictions are solved for once more, as if they were hard (``noslip_iterations``).
+    noslip_iterations : int
+        Sweeps that solve for frictions once more, as if they were hard.
+    cone : str
+        Of friction between contacts: elliptic or pyramidal.
+    impratio : float
+        Hardness of their friction over that of their normal direction.
     """
 
     timestep: float
@@ -55,7 +60,9 @@ class Options:
     impedance: float
     solver: str
     integrator: str
-    noslip: bool
+    noslip_iterations: int
+    cone: str = "pyramidal"
+    impratio: float = 1.0
 
 
 def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Options, softness: Softness | None = None,
@@ -81,7 +88,7 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
     option = xml.SubElement(root, "option", timestep=repr(timestep),
                             gravity=numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
                             integrator=options.integrator, solver=options.solver, iterations=str(options.iterations),
-                            tolerance="0", noslip_tolerance="0", noslip_iterations=str(NOSLIP * options.noslip))
+                            tolerance="0", noslip_tolerance="0", noslip_iterations=str(options.noslip_iterations))
     # without eulerdamp: dampers act as all loads do, at the start of a step
     flag = xml.SubElement(option, "flag", autoreset="disable", eulerdamp="disable")
     if softness is None:
@@ -89,8 +96,8 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
     else:
         # by bodies alone, a slider on a driven bar counts as lighter than its contacts find it
         flag.set("diagexact", "enable")
-        option.set("cone", "elliptic")
-        option.set("impratio", repr(HARDER))
+        option.set("cone", options.cone)
+        option.set("impratio", repr(options.impratio))
     stiffness, damping = -1.0 / timestep ** 2, -1.0 / timestep
     soft = {"solref": numbers(stiffness, damping), "solimp": numbers(impedance, impedance, 0.001, 0.5, 2.0)}
     elements: dict[int, xml.Element] = {-1: xml.SubElement(root, "worldbody")}
@@ -126,13 +133,14 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
     xml.SubElement(keyframe, "key", name=START, qpos=numbers(*position), qvel=numbers(*velocity),
                    ctrl=numbers(*loads.ctrl))
     if loaded:
-        root.insert(0, xml.Comment(_header(scene, timestep, loads, softness is not None)))
+        root.insert(0, xml.Comment(_header(scene, timestep, loads, softness)))
     xml.indent(root)
     return xml.tostring(root, encoding="unicode") + "\n"
 
 
-def _header(scene: Scene, timestep: float, loads: Loads, contacts: bool) -> str:
-    friction = [(_COEFFICIENTS if contacts else _BOUND).format(name=name, guide=guide, placeholder=_PLACEHOLDER)
+def _header(scene: Scene, timestep: float, loads: Loads, softness: Softness | None) -> str:
+    line = _BOUND if softness is None else _COEFFICIENTS if softness.time_constant else _COEFFICIENTS + _DAMPING
+    friction = [line.format(name=name, guide=guide, placeholder=_PLACEHOLDER)
                 for name, guide in scene.frictional_guides.items()]
     to_set, missing = ("".join(f"\n  - {line};" for line in lines) or " nothing."
                        for lines in (loads.to_set + friction, loads.missing))

@@ -62,7 +62,7 @@ start's."""
 _SETTINGS: Mapping[str, Defaults] = {
     "joint": {"iterations": 50, "passes": 2, "erp": 1.0},
     "contact": {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5,
-                "cone_friction": ("on", "off")}}
+                "cone_friction": ("on", "off"), "friction_anchor": ("off", "on")}}
 
 
 class PybulletEngine(TreeEngine):
@@ -71,7 +71,8 @@ class PybulletEngine(TreeEngine):
     Settings, both fidelities: `iterations` of the solver a step, `erp` (share of a position error of loops that is
     corrected in one step). Joint fidelity: `passes` at a step where stick is undecided. Contact fidelity: `contact_erp`
     (as `erp`, for overlap), `contact_slop` (overlap in metres that is let be), `cone_friction` (on, off: whether
-    frictions in two directions have one bound together, or each its own).
+    frictions in two directions have one bound together, or each its own), `friction_anchor` (off, on: whether friction
+    also pulls a contact back to where it began).
     """
 
     name, called, reach, defaults = "pybullet", "PyBullet", REACH, _SETTINGS
@@ -290,6 +291,8 @@ class _ContactStepper(_PybulletStepper):
             for body in bodies:
                 bullet.setCollisionFilterGroupMask(*body, 1 << number, 1 << number, physicsClientId=client)
             bullet.changeDynamics(self._multibody, link, lateralFriction=0.0, physicsClientId=client)
+            if options["friction_anchor"] == "on":
+                bullet.changeDynamics(self._multibody, link, frictionAnchor=1, physicsClientId=client)
             if guide.frictional:
                 self._guides.append(link)
 

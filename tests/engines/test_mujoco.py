@@ -206,7 +206,9 @@ class TestContact:
         assert np.all(model.jnt_axis[slides][:, 2] == 0.0) and np.all(model.jnt_axis[~slides] == [0.0, 0.0, 1.0])
 
     @pytest.mark.parametrize(("settings", "words"), [({"noslip": "on"}, "no such setting at contact fidelity"), ({"solver": "PGS"}, "expected one of Newton, CG"),
-                                                     ({"impedance": 1.0}, "MuJoCo's own limit"), ({"slip_reference": 0.9}, "slip_reference: found 0.9; expected at least 1")])
+                                                     ({"impedance": 1.0}, "MuJoCo's own limit"), ({"slip_reference": 0.9}, "slip_reference: found 0.9; expected at least 1"),
+                                                     ({"impratio": 0.0}, "impratio: found 0.0; expected a number > 0"),
+                                                     ({"noslip_iterations": 10}, "noslip_iterations: found 10 with elliptic cones; expected cone=pyramidal")])
     def test_bad_settings(self, engine, settings, words):
         with pytest.raises(ValueError, match=words):
             engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, fidelity="contact", **settings)

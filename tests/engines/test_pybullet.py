@@ -138,3 +138,14 @@ def test_as_many_links_as_start_where_they_are_to(engine):
     np.testing.assert_allclose(run["slider120.x"][-1], 12.012)
     with pytest.raises(Refused, match="122 links; PyBullet puts at most 121"):
         engine.simulate(sliders(122), t_end=0.01, dt=1e-3)
+
+
+def test_an_anchor_of_friction_pulls_a_stopped_box_back(engine):
+    """Coulomb's friction stops it for good after v^2/(2 mu g), a step early or late; the anchor is a spring to where the contact began."""
+    mu, g = 0.2, 9.81
+    scene = scene_from_dict({"gravity": [0, -g], "bodies": {"slider": {"mass": 2.0, "inertia": 0.1, "velocity": [1.0, 0.0]}},
+                             "joints": {"guide": {"type": "translational", "slider": "slider", "direction": [1.0, 0.0], "mu": mu,
+                                                  "length": 0.6, "width": 0.1}}})
+    plain, anchored = (engine.simulate(scene, t_end=1.0, dt=1e-3, fidelity="contact", friction_anchor=word)["guide.displacement"] for word in ("off", "on"))
+    assert plain[-1] == pytest.approx(1 / (2 * mu * g), abs=1e-3)
+    assert plain[-1] == plain.max() and anchored[-1] < anchored.max() - 1e-4

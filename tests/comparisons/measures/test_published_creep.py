@@ -1,0 +1,49 @@
+"""Creep that others published, of a model that is rebuilt from its listing."""
+
+import math
+
+import pytest
+
+from stiction.comparisons.measures.published_creep import last_digit, published_creep, published_creep_task
+
+pytest.importorskip("mujoco")
+
+
+@pytest.fixture(scope="module")
+def table():
+    return published_creep().set_index("case")
+
+
+def test_creep_and_load_are_those_published(table):
+    """To one unit of the last printed digit, or to what rocks, if that is more."""
+    published = table[table["published [um/s]"].notna()]
+    assert len(published) == 5
+    for case, row in published.iterrows():
+        assert row["creep [um/s]"] == pytest.approx(row["published [um/s]"], abs=max(row["last digit [um/s]"], row["uncertainty [um/s]"])), case
+        if row["published load [N]"] > 0:
+            assert row["load [N]"] == pytest.approx(row["published load [N]"], abs=last_digit(row["published load [N]"])), case
+    assert table["margin"].between(20 - 1, 95 + 1).all()  # "20-95 times", in its digits
+
+
+def test_creep_falls_with_the_inverse_of_impratio(table):
+    """Published as "linearly". R = R_n/impratio is exact; what is left is what rocks, here of the two ends of two decades."""
+    first, last = (table.loc[f"elliptic, impratio {ratio}"] for ratio in (1, 100))
+    exponent = math.log(last["creep [um/s]"] / first["creep [um/s]"]) / math.log(100)
+    rocks = sum(row["uncertainty [um/s]"] / row["creep [um/s]"] for row in (first, last)) / math.log(100)
+    assert exponent == pytest.approx(-1.0, abs=rocks)
+
+
+def test_noslip_makes_it_110_times_less(table):
+    """The factor's last digit that is not 0 is its tens."""
+    plain, swept = table.loc["elliptic, impratio 10", "creep [um/s]"], table.loc["elliptic, impratio 10, noslip_iterations 10", "creep [um/s]"]
+    assert plain / swept == pytest.approx(110, abs=last_digit(110))
+
+
+@pytest.mark.parametrize(("printed", "unit"), [(1500, 100), (154.99, 0.01), (1.4, 0.1), (12, 1), (50, 10)])
+def test_last_digit(printed, unit):
+    assert last_digit(printed) == pytest.approx(unit, rel=1e-12)
+
+
+def test_it_is_a_task_of_the_runner(table):
+    task = published_creep_task()
+    assert task.function(*task.args).set_index("case")["creep [um/s]"].equals(table["creep [um/s]"])

@@ -119,7 +119,7 @@ class Linked:
     def __init__(self, function: Callable, options: dict[str, Any]):
         update_wrapper(self, function)
         self._options = options
-        self._slot = np.zeros(1, dtype=np.int64)
+        self._slot, self.is_linked, self._count = np.zeros(1, dtype=np.int64), False, 0
         self.name = f"{self.__module__}.{self.__qualname__}"
         _linked[self._slot.ctypes.data] = self
         llvmlite.binding.add_symbol(self.name, self._slot.ctypes.data)
@@ -127,16 +127,13 @@ class Linked:
         lower_builtin(self, types.VarArg(types.Any))(self._lower_call)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        self.link()
-        if named or len(arguments) < len(self._types[0]):
+        if not self.is_linked:  # a step of an adapter is a few microseconds, of which this is to be none
+            self.link()
+        if named or len(arguments) < self._count:
             bound = self._signature.bind(*arguments, **named)
             bound.apply_defaults()
             arguments = bound.args
         return self._kernel(*arguments)
-
-    @property
-    def is_linked(self) -> bool:
-        return self._slot[0] != 0
 
     @property
     def is_kept(self) -> bool:
@@ -162,6 +159,7 @@ class Linked:
             raise TypeError(f"{self.name}: found {found} returned; expected {returned}, as annotated")
         self._kernel.disable_compile()
         self._slot[0] = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+        self.is_linked, self._count = True, len(arguments)
         _spent[0] += time.process_time() - started
 
     @cached_property

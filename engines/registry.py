@@ -150,7 +150,11 @@ def load_engine(name: str) -> Engine:
 def _of_file(path: Path) -> Engine:
     module, _, attribute = FILES[path.suffix].partition(":")
     try:
-        return getattr(import_module(module), attribute)(path)
+        engine = getattr(import_module(module), attribute)(path)
+        if engine.name in BUILT_IN:
+            raise InputError(f"{path}: found the name {engine.name!r}; expected another one: an engine of the suite "
+                             "has it")
+        return engine
     except ImportError as error:
         if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
             raise

@@ -18,6 +18,7 @@ from stiction.scenes.base_errors import InputError
 from stiction.scenes.columns import columns_of, unit_of
 from stiction.scenes.errors import FileError, Problem
 from stiction.scenes.model import Scene
+from stiction.scenes.trajectory import rows_of
 from stiction.scenes.wording import did_you_mean, names, shortened, shown
 
 if TYPE_CHECKING:
@@ -90,6 +91,13 @@ class ResultTable:
     def last(self) -> np.ndarray:
         """Row of the side after of each distinct instant, int (instants,); the same row where nothing jumps."""
         return np.flatnonzero(np.diff(self.t, append=np.inf))
+
+    def jumps(self, columns: Mapping[str, np.ndarray]) -> Iterator[tuple[float, dict[str, float], dict[str, float]]]:
+        """Yield each instant with two sides, and the values of columns before and after it."""
+        two = self.first < self.last
+        sides = (rows_of({name: values[rows[two]] for name, values in columns.items()})
+                 for rows in (self.first, self.last))
+        return zip(self.t[self.first[two]].tolist(), *sides)
 
 
 def parse_map(texts: Iterable[str]) -> dict[str, str]:

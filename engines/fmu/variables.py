@@ -25,6 +25,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -99,29 +100,22 @@ class Variables:
     map: Map
     file: str
 
-    @property
+    @cached_property
     def by_name(self) -> dict[str, ModelVariable]:
         return {variable.name: variable for variable in self.description.modelVariables}
-
-    @property
-    def _scenes(self) -> str:
-        """Names and patterns of the scenes that the FMU or its map states."""
-        stated = self.by_name.get(SCENE)
-        return self.map.scene or (stated.start if stated is not None else "") or ""
 
     def problems(self) -> Iterator[Problem]:
         """Yield what the map names and the FMU does not have."""
         known = self.by_name
-        for table, values in (("columns", self.map.columns), ("parameters", self.map.parameters)):
-            for key, value in values.items():
-                if not isinstance(value, str) or table == "parameters" and not value:
-                    continue
-                name = value.removeprefix("-") if table == "columns" else value
-                if name not in known:
-                    yield Problem(f"{table}.{key}", shown(value), "expected a variable of the FMU: "
-                                                                  f"{names(known)}{did_you_mean(name, known)}")
-                elif not _is_number(known[name]):
-                    yield Problem(f"{table}.{key}", f"{shown(value)}, {known[name].type}", "expected a number alone")
+        named = [(f"columns.{key}", value, value.removeprefix("-")) for key, value in self.map.columns.items()
+                 if isinstance(value, str)]
+        named += [(f"parameters.{key}", value, value) for key, value in self.map.parameters.items() if value]
+        for key, value, name in named:
+            if name not in known:
+                yield Problem(key, shown(value), f"expected a variable of the FMU: {names(known)}"
+                                                 f"{did_you_mean(name, known)}")
+            elif not _is_number(known[name]):
+                yield Problem(key, f"{shown(value)}, {known[name].type}", "expected a number alone")
 
     def sources(self, scene: Scene) -> dict[str, str | float]:
         """Variable, with its sign, or number by column of the scene, for the columns that the FMU has."""
@@ -131,7 +125,9 @@ class Variables:
 
     def refusal(self, scene: Scene) -> str | None:
         """Why the FMU is not of this scene: another one stated, another constant, a column that it lacks."""
-        if (stated := self._scenes.split()) and not any(fnmatchcase(scene.name, pattern) for pattern in stated):
+        said = self.by_name.get(SCENE)
+        stated = (self.map.scene or (said.start if said is not None else "") or "").split()
+        if stated and not any(fnmatchcase(scene.name, pattern) for pattern in stated):
             return f"made for {' or '.join(stated)}; found {scene.name}"
         if unknown := [column for column in self.map.columns if column not in columns_of(scene)]:
             return (f"{self.file}: columns.{unknown[0]}: {scene.name} has no such column"
@@ -155,16 +151,25 @@ class Variables:
         return {variable.name: value for _, variable, value in self._numbers(scene)
                 if _can_be_set(variable, value)}
 
+    def names(self, scene: Scene) -> list[str]:
+        """Names of the variables that are columns of the scene."""
+        return [source.removeprefix("-") for source in self.sources(scene).values() if isinstance(source, str)]
+
+    def undefined_units(self, scene: Scene) -> list[str]:
+        """Names of units that the FMU uses and does not define: its numbers are taken as they are."""
+        used = [self.by_name[name] for name in self.names(scene)] + [one for _, one, _ in self._numbers(scene)]
+        defined = {unit.name for unit in self.description.unitDefinitions if unit.baseUnit is not None}
+        return sorted({unit for variable in used if (unit := _unit_name(variable))} - defined)
+
     def columns(self, scene: Scene, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of the scene in SI units, from what fmpy has recorded, with the time as ``t``."""
         found = {"t": rows["time"].astype(float)}
         for column, source in self.sources(scene).items():
             if isinstance(source, str):
                 factor, offset = self._unit(self.by_name[name := source.removeprefix("-")])
-                values = (factor * rows[name].astype(float) + offset) * (-1 if source.startswith("-") else 1)
+                found[column] = (factor * rows[name].astype(float) + offset) * (-1 if source.startswith("-") else 1)
             else:
-                values = np.full(len(rows), float(source))
-            found[column] = values
+                found[column] = np.full(len(rows), float(source))
         return found
 
     def _numbers(self, scene: Scene) -> Iterator[tuple[str, ModelVariable, float]]:
@@ -180,9 +185,13 @@ class Variables:
 
     def _unit(self, variable: ModelVariable) -> tuple[float, float]:
         """Factor and offset from the variable's unit to SI units, as the FMU defines it."""
-        name = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
-        bases = [unit.baseUnit for unit in self.description.unitDefinitions if unit.name == name]
-        return (bases[0].factor, bases[0].offset) if bases and bases[0] is not None else (1.0, 0.0)
+        name = _unit_name(variable)
+        return next(((unit.baseUnit.factor, unit.baseUnit.offset) for unit in self.description.unitDefinitions
+                     if unit.name == name and unit.baseUnit is not None), (1.0, 0.0))
+
+
+def _unit_name(variable: ModelVariable) -> str | None:
+    return variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
 
 
 def _is_number(variable: ModelVariable) -> bool:

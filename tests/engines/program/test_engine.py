@@ -21,9 +21,8 @@ from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, 
                               run_isolated)
 from stiction.engines.program import declaration
 from stiction.engines.program.declaration import Declaration
-from stiction.engines.program.engine import ProgramError
 from stiction.engines.shared.declared_engine import DIFFERENCES
-from stiction.scenes import InputError, load_scene, scene_from_dict, vary
+from stiction.scenes import FileError, InputError, load_scene, scene_from_dict, vary
 
 BALL = scene_from_dict({"t_end": 1, "gravity": [0, -10], "bodies": {"ball": {"mass": 2, "inertia": 1, "velocity": [3, 4], "angular_velocity": 5}}},
                        name="ball")
@@ -254,7 +253,7 @@ class TestDeclaration:
         ({"largest_file": 0}, "largest_file"),
     ], ids=range(19))
     def test_what_is_wrong_is_named(self, program, change, words):
-        with pytest.raises(ProgramError, match=words):
+        with pytest.raises(InputError, match=words):
             load_engine(program(**change))
 
     def test_example_of_the_module_is_one(self):
@@ -263,7 +262,7 @@ class TestDeclaration:
 
     def test_file_that_is_not_there_or_no_toml(self, tmp_path):
         (tmp_path / "x.toml").write_text("name = ")
-        with pytest.raises(ProgramError, match="file"):
+        with pytest.raises(FileError, match="file"):
             load_engine(str(tmp_path / "x.toml"))
         with pytest.raises(UnknownEngine, match="no file"):
             load_engine(str(tmp_path / "y.toml"))

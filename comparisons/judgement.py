@@ -35,7 +35,7 @@ from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Event, InputError, Scene, Trajectory, load_scene, vary
 from stiction.scenes.columns import columns_of, unit_of
-from stiction.scenes.result_table import ResultTable, read_result, result_table
+from stiction.scenes.result_table import ResultTable, result_table
 from stiction.scenes.trajectory import rows_of, stacked
 
 FEW = 0.1

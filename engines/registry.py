@@ -152,7 +152,7 @@ def _of_file(path: Path) -> Engine:
     try:
         engine = getattr(import_module(module), attribute)(path)
         if engine.name in BUILT_IN:
-            raise InputError(f"{path}: found the name {engine.name!r}; expected another one: an engine of the suite "
+            raise InputError(f"{path}: found the name {engine.name!r}; expected another name: an engine of the suite "
                              "has it")
         return engine
     except ImportError as error:

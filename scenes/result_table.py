@@ -37,14 +37,9 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "deg": ("angle", np.pi / 180), "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6),
     "N": ("force", 1.0), "kN": ("force", 1e3), "mN": ("force", 1e-3)}
 """Unit -> what it measures, and its size in SI."""
-_POWERS: Mapping[str, Mapping[str, int]] = {
-    "s": {"time": 1}, "m": {"length": 1}, "rad": {"angle": 1}, "m/s": {"length": 1, "time": -1},
-    "rad/s": {"angle": 1, "time": -1}, "m/s²": {"length": 1, "time": -2}, "rad/s²": {"angle": 1, "time": -2},
-    "N": {"force": 1}, "N m": {"force": 1, "length": 1}, "": {}}
 _ROUNDING = 1e-9
 _TYPING_ERRORS = 5
 """Names that resemble the scene's without being one, at most: more are another scene's."""
-_NUMBER = "expected a finite number"
 
 
 class ResultError(FileError):
@@ -137,28 +132,17 @@ def parse_units(text: str) -> dict[str, float]:
     return sizes
 
 
-def read_result(path: str | Path, scene: Scene, mapping: Mapping[str, str] | None = None,
-                units: Mapping[str, float] | None = None) -> ResultTable:
-    """Read and check the results of a run of the scene from a file, .csv or .parquet; see `result_table`.
-
-    The heading of a CSV file may begin with ``#``; its cells are separated by commas, semicolons or tabs.
-
-    Raises
-    ------
-    ResultError
-        With what is wrong in the file.
-    """
-    return result_table(_read(Path(path), str(path)), scene, mapping, units, str(path))
-
-
-def result_table(frame: pd.DataFrame | Mapping[str, Any], scene: Scene, mapping: Mapping[str, str] | None = None,
-                 units: Mapping[str, float] | None = None, origin: str = "table") -> ResultTable:
+def result_table(frame: str | Path | pd.DataFrame | Mapping[str, Any], scene: Scene,
+                 mapping: Mapping[str, str] | None = None, units: Mapping[str, float] | None = None,
+                 origin: str = "table") -> ResultTable:
     """Check a table of results of the scene, and give it the scene's names and SI units.
 
     Parameters
     ----------
     frame
-        A row an instant, in order of time; columns by name. The time is the column ``t`` or ``time``, or the index.
+        A row an instant, in order of time; columns by name. The time is the column ``t`` or ``time``, or the index. Or
+        a file, .csv or .parquet: the heading of a CSV file may begin with ``#``, its cells are separated by commas,
+        semicolons or tabs.
     mapping
         Name in the table -> the scene's name, as of `parse_map`; names that are the scene's need none.
     units
@@ -168,79 +152,76 @@ def result_table(frame: pd.DataFrame | Mapping[str, Any], scene: Scene, mapping:
     Raises
     ------
     ResultError
-        For unknown names that resemble the scene's, missing or repeated columns, what is no finite number, times that
-        decrease or lie outside of 0 .. t_end, lengths that differ.
+        For a file that cannot be read, unknown names that resemble the scene's, missing or repeated columns, what is
+        no finite number, times that decrease or lie outside of 0 .. t_end, lengths that differ.
     """
+    if isinstance(frame, str | Path):
+        frame, origin = _read(Path(frame)), str(frame)
     frame = _frame(frame, origin)
-    chosen, left_out, problems = _chosen(list(map(str, frame.columns)), scene, mapping or {})
-    if not problems and TIME not in chosen:
-        problems = [Problem("time", f"the columns {names(list(map(str, frame.columns)))}",
-                            "expected a column t or time, or --map MINE=t")]
-    if not problems and len(chosen) < 2:
-        problems = [Problem("columns", f"none of the scene's beside {names(list(map(str, frame.columns)))}",
-                            f"expected one or more of {names(columns_of(scene))}; --map MINE=COLUMN renames")]
-    if not problems and len(frame) < 2:
-        problems = [Problem("rows", str(len(frame)), "expected at least 2")]
-    if problems:
-        raise ResultError(origin, problems)
-    open_forces = len(scene.frictional_guides) > 1
+    found = list(map(str, frame.columns))
+    chosen, left_out, problems = _chosen(found, scene, mapping or {})
+    needs = {"time": (TIME not in chosen, f"the columns {names(found)}", "a column t or time, or --map MINE=t"),
+             "columns": (len(chosen) < 2, f"none of the scene's beside {names(found)}",
+                         f"one or more of {names(columns_of(scene))}; --map MINE=COLUMN renames"),
+             "rows": (len(frame) < 2, str(len(frame)), "at least 2")}
+    problems = problems or [Problem(key, there, f"expected {expected}")
+                            for key, (lacks, there, expected) in needs.items() if lacks][:1]
+    open_forces = len(scene.frictional_guides) > 1 and not problems
     columns: dict[str, np.ndarray] = {}
-    for name, (mine, sign) in chosen.items():
+    for name, (mine, sign) in chosen.items() if not problems else ():
         unit = "s" if name == TIME else unit_of(name, scene)
         values, wrong = _numbers(frame.iloc[:, mine], open_forces and unit in ("N", "N m"))
-        problems += [Problem(f"{shortened(str(frame.columns[mine]))}, row {row}", found, expected)
-                     for row, found, expected in wrong]
+        if wrong:
+            problems.append(Problem(f"{shortened(found[mine])}, row {wrong[0]}", *wrong[1:]))
         columns[name] = sign * _size(unit, units or {}) * values
-    t = columns.pop(TIME)
-    if problems or (problems := list(_time_problems(t, scene.t_end))):
+    if problems or (problems := list(_time_problems(columns[TIME], scene.t_end))):
         raise ResultError(origin, problems)
-    return ResultTable(origin, t, columns, tuple(left_out))
+    return ResultTable(origin, columns.pop(TIME), columns, tuple(left_out))
 
 
-def _read(path: Path, origin: str) -> pd.DataFrame:
+def _read(path: Path) -> pd.DataFrame:
     """All columns of a file."""
     import pyarrow as pa
     from pyarrow import csv, parquet
 
     try:
-        if (ending := path.suffix.lower()) not in ENDINGS:
-            raise ResultError(origin, [Problem("file", shown(path.name), f"expected {' or '.join(ENDINGS)}")])
-        if not 0 < (size := path.stat().st_size) <= MAX_FILE_SIZE:
-            raise ResultError(origin, [Problem("file", f"{size} bytes", f"expected 1 .. {MAX_FILE_SIZE}")])
-        if ending == ".parquet":
+        ending, size = path.suffix.lower(), path.stat().st_size
+        if ending not in ENDINGS:
+            wrong, expected = shown(path.name), f"expected {' or '.join(ENDINGS)}"
+        elif not 0 < size <= MAX_FILE_SIZE:
+            wrong, expected = f"{size} bytes", f"expected 1 .. {MAX_FILE_SIZE}"
+        elif ending == ".parquet":
             return parquet.read_table(path).to_pandas()
-        with path.open(encoding="utf-8") as file:
-            heading = file.readline(2 ** 20)
-        # one block: the type of a column is then that of all its rows
-        found = csv.read_csv(path, csv.ReadOptions(use_threads=False, block_size=size + 1),
-                             csv.ParseOptions(delimiter=max(",;\t", key=heading.count)))
+        else:
+            with path.open(encoding="utf-8") as file:
+                heading = file.readline(2 ** 20)
+            # one block: the type of a column is then that of all its rows
+            found = csv.read_csv(path, csv.ReadOptions(use_threads=False, block_size=size + 1),
+                                 csv.ParseOptions(delimiter=max(",;\t", key=heading.count)))
+            return found.rename_columns([name.lstrip("# ").strip() for name in found.column_names]).to_pandas()
     except OSError as error:
         wrong, expected = str(error.strerror or error), "expected a file that can be read"
     except UnicodeDecodeError as error:
         wrong, expected = f"byte {error.start} that is not UTF-8", "expected a table as text (CSV)"
     except pa.ArrowException as error:
         wrong, expected = shortened(" ".join(str(error).split()), 160), f"expected a table ({ending})"
-    else:
-        return found.rename_columns([name.lstrip("# ").strip() for name in found.column_names]).to_pandas()
-    raise ResultError(origin, [Problem("file", wrong, expected)])
+    raise ResultError(str(path), [Problem("file", wrong, expected)])
 
 
 def _frame(table: pd.DataFrame | Mapping[str, Any], origin: str) -> pd.DataFrame:
     """A frame whose time is a column."""
     import pandas as pd
 
-    if isinstance(table, Mapping):
-        try:
-            table = pd.DataFrame(dict(table))
-        except ValueError as error:  # lengths that differ, arrays of two dimensions
-            raise ResultError(origin, [Problem("columns", shortened(str(error), 160),
-                                               "expected arrays of one length")]) from None
+    try:
+        table = pd.DataFrame(dict(table)) if isinstance(table, Mapping) else table
+    except ValueError as error:  # lengths that differ, arrays of two dimensions
+        raise ResultError(origin, [Problem("columns", shortened(str(error), 160), "expected arrays of one length")]
+                          ) from None
     if not isinstance(table, pd.DataFrame):
         raise ResultError(origin, [Problem("table", f"a {type(table).__name__}",
                                            "expected a file's name, a DataFrame or a mapping of arrays")])
-    if not set(TIME_NAMES) & set(table.columns) and table.index.name in TIME_NAMES:
-        return table.reset_index()
-    return table
+    is_index = not set(TIME_NAMES) & set(table.columns) and table.index.name in TIME_NAMES
+    return table.reset_index() if is_index else table
 
 
 def _chosen(found: list[str], scene: Scene,
@@ -248,56 +229,61 @@ def _chosen(found: list[str], scene: Scene,
     """Number and sign of the table's column by the scene's name; columns left out; problems of names."""
     known = [TIME, *columns_of(scene)]
     chosen: dict[str, tuple[int, int]] = {}
-    misspelt: dict[str, str] = {}
-    left_out, problems = [], [
-        Problem("--map", shown(mine), f"expected a column of the table: {names(found)}{did_you_mean(mine, found)}")
-        for mine in mapping if mine not in found]
+    left_out, misspelt = [], {}
+    problems = [Problem("--map", shown(mine), f"expected a column of the table: {names(found)}"
+                                              f"{did_you_mean(mine, found)}") for mine in mapping if mine not in found]
     mapped = {column.lstrip("-") for column in mapping.values()}
     for number, mine in enumerate(found):
         column = mapping.get(mine, TIME if mine in TIME_NAMES and TIME not in mapped else mine)
         name = column.removeprefix("-")
         if name in chosen:
             problems.append(Problem(shortened(mine), f"a second column {name}", "expected each once"))
+        elif column == f"-{TIME}":
+            problems.append(Problem("--map", shown(column), f"expected {TIME}: times have no other sign"))
         elif name in known:
             chosen[name] = number, -1 if column.startswith("-") else 1
         elif mine in mapping and name:
-            problems.append(Problem("--map", shown(name), f"expected a column of the scene: "
-                                                          f"{names(known)}{did_you_mean(name, known)}"))
-        elif close := did_you_mean(mine, known) if mine not in mapping else "":
-            misspelt[mine] = f"expected a column of the scene{close}; --map MINE=COLUMN renames, --map MINE= leaves out"
+            problems.append(Problem("--map", shown(name), f"expected a column of the scene: {names(known)}"
+                                                          f"{did_you_mean(name, known)}"))
+        elif mine not in mapping and (close := did_you_mean(mine, known)):
+            misspelt[mine] = close
         else:
             left_out.append(mine)
     if len(misspelt) > _TYPING_ERRORS:
-        return chosen, left_out, [Problem("columns", names(misspelt), f"expected those of the scene: {names(known)}; "
-                                                                      "is the table of another scene?")]
-    return chosen, left_out, [*problems, *(Problem(shortened(mine), "a name that the scene does not have", expected)
-                                           for mine, expected in misspelt.items())]
+        problems = [Problem("columns", names(misspelt), f"expected those of the scene: {names(known)}; is the table of "
+                                                        "another scene?")]
+    else:
+        problems += [Problem(shortened(mine), "a name that the scene does not have",
+                             f"expected a column of the scene{close}; --map MINE=COLUMN renames, --map MINE= leaves "
+                             "out") for mine, close in misspelt.items()]
+    return chosen, left_out, problems
 
 
-def _numbers(column: pd.Series, may_be_open: bool) -> tuple[np.ndarray, list[tuple[int, str, str]]]:
+def _numbers(column: pd.Series, may_be_open: bool) -> tuple[np.ndarray, tuple[int, str, str] | None]:
     """Numbers of a column, and row (from 1, below the names), found and expected of the first that is none."""
     import pandas as pd
 
-    values = np.full(len(column), np.nan)
-    if column.dtype.kind in "iufO":  # neither dates nor truth values
-        values = pd.to_numeric(column, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+    numeric = column.dtype.kind in "iufO"  # neither dates nor truth values
+    values = (pd.to_numeric(column, errors="coerce").to_numpy(dtype=float, na_value=np.nan) if numeric
+              else np.full(len(column), np.nan))
     words = np.isnan(values) & column.notna().to_numpy()
-    if words.any():
-        row = int(np.argmax(words))
-        text = str(column.iloc[row])
-        decimal = re.fullmatch(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*", text)
-        return values, [(row + 1, shown(text), _NUMBER + " with a decimal point" * bool(decimal))]
-    wrong = np.isinf(values) if may_be_open else ~np.isfinite(values)
+    wrong = words if words.any() else np.isinf(values) if may_be_open else ~np.isfinite(values)
     if not wrong.any():
-        return values, []
+        return values, None
     row = int(np.argmax(wrong))
-    return values, [(row + 1, "nothing (NaN)" if np.isnan(values[row]) else str(values[row]), _NUMBER)]
+    found, point = ("nothing (NaN)" if np.isnan(values[row]) else str(values[row])), ""
+    if words.any():
+        found = shown(str(column.iloc[row]))
+        point = " with a decimal point" * bool(re.fullmatch(r"'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*'", found))
+    return values, (row + 1, found, f"expected a finite number{point}")
 
 
 def _size(unit: str, units: Mapping[str, float]) -> float:
-    """Size in SI of a column's unit; of norms of mixed units that of their lengths."""
-    powers = _POWERS.get(unit) or _POWERS.get(unit.partition(",")[0], {})
-    return float(np.prod([units.get(kind, 1.0) ** power for kind, power in powers.items()]))
+    """Size in SI of a unit such as rad/s²; of norms of mixed units that of their lengths."""
+    above, _, below = unit.partition(",")[0].partition("/")
+    numerator, denominator = (np.prod([units.get(UNITS[one][0], 1.0) for one in part.rstrip("²").split()])
+                              for part in (above, below))
+    return float(numerator / denominator ** (1 + below.endswith("²")))
 
 
 def _time_problems(t: np.ndarray, t_end: float) -> Iterator[Problem]:
@@ -316,7 +302,7 @@ def _time_problems(t: np.ndarray, t_end: float) -> Iterator[Problem]:
                       f"expected at most {MOST_ROWS}; are the times written with too few digits?")
     if t[0] < -_ROUNDING * t_end:
         yield Problem("time, row 1", f"{t[0]:.9g} s", "expected times from 0 on")
-    beyond = t[-1] / t_end
     if t[-1] > t_end * (1 + _ROUNDING) + (instants[-1] - instants[-2]):
-        hint = "; are they in ms (--units ms)?" if 50 <= beyond <= 2000 else "; --set t_end=.. makes the scene longer"
-        yield Problem("time", f"times up to {t[-1]:.9g} s", f"expected the scene's t_end = {t_end:g} s at most{hint}")
+        hint = ("are they in ms (--units ms)?" if 50 <= t[-1] / t_end <= 2000 else
+                "--set t_end=.. makes the scene longer")
+        yield Problem("time", f"times up to {t[-1]:.9g} s", f"expected the scene's t_end = {t_end:g} s at most; {hint}")

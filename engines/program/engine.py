@@ -24,7 +24,7 @@ from stiction.scenes import Cost, Event, Scene, Trajectory
 from stiction.scenes.errors import problems_in_tables
 from stiction.scenes.fields import Model
 from stiction.scenes.resolved import resolved_text
-from stiction.scenes.result_table import ResultTable, read_result
+from stiction.scenes.result_table import ResultTable, result_table
 from stiction.scenes.wording import as_given, shown
 
 REFUSAL = 77
@@ -155,7 +155,7 @@ class ProgramEngine(DeclaredEngine):
             if not files["result"].is_file():
                 raise BadTrajectory(f"{self.name} returned no file; expected one at {{result}}: {ended.words}")
             with self.reading():
-                table = read_result(files["result"], handed)
+                table = result_table(files["result"], handed)
             return Product(table, self._report(files["events"]), method | chosen, ended.cpu_s)
 
     def _report(self, path: Path) -> _Report:

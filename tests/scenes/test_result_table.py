@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from stiction.scenes import InputError, load_scene
-from stiction.scenes.result_table import ResultError, parse_map, parse_units, read_result, result_table
+from stiction.scenes.result_table import ResultError, parse_map, parse_units, result_table
 
 SCENE = load_scene("slider-bar-case-1")
 TWO_GUIDES = load_scene("elliptic-trammel")
@@ -22,7 +22,7 @@ def test_columns_keep_every_digit_through_csv_and_parquet(tmp_path):
     frame.to_csv(tmp_path / "r.csv", index=False)
     frame.to_parquet(tmp_path / "r.parquet")
     for name in ("r.csv", "r.parquet"):
-        found = read_result(tmp_path / name, SCENE)
+        found = result_table(tmp_path / name, SCENE)
         assert np.array_equal(found.t, frame["t"])
         assert np.array_equal(found["slider.x"], frame["slider.x"])
         assert np.array_equal(found["guide.mode"], frame["guide.mode"])
@@ -32,7 +32,7 @@ def test_columns_keep_every_digit_through_csv_and_parquet(tmp_path):
                                   "\ufefft, slider.x\r\n0, 1\r\n1, 2\r\n", "time,slider.x,step\n0,1,0\n1,2,1\n"])
 def test_usual_ways_to_write_a_table(tmp_path, text):
     (tmp_path / "r.csv").write_text(text, encoding="utf-8")
-    found = read_result(tmp_path / "r.csv", SCENE)
+    found = result_table(tmp_path / "r.csv", SCENE)
     assert found.t.tolist() == [0, 1] and found["slider.x"].tolist() == [1, 2]
 
 
@@ -102,10 +102,10 @@ def test_broken_files_are_refused(tmp_path, content):
     for name in ("r.csv", "r.parquet", "r.txt"):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(ResultError):
-            read_result(tmp_path / name, SCENE)
+            result_table(tmp_path / name, SCENE)
     for name in (tmp_path, tmp_path / "absent.csv"):
         with pytest.raises(ResultError):
-            read_result(name, SCENE)
+            result_table(name, SCENE)
 
 
 @pytest.mark.parametrize("text", ["x1", "=slider.x", ""])

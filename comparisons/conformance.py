@@ -128,7 +128,7 @@ def _faults(found: Judgement) -> Iterator[str]:
         causes.setdefault(_exchanged(found, column) or hint, []).append(column)
     if "" in causes:  # then what seems to explain some of the columns is chance
         true, columns = found.truth(t), list(wrong["column"])
-        off = [np.abs(found.table[name] - true[name]) > LIMIT * size for name, size in zip(columns, sizes[wrong.index])]
+        off = [np.abs(found.table.columns[name] - true[name]) > LIMIT * size for name, size in zip(columns, sizes[wrong.index])]
         yield (f"{', '.join(columns)}: wrong from t = {t[np.argmax(np.any(off, axis=0))]:.3g} s on; no unit, sign or "
                "order of columns explains it")
         yield f"new in this scene: {ADDED[scene.name]}"
@@ -140,7 +140,7 @@ def _faults(found: Judgement) -> Iterator[str]:
 
 def _exchanged(found: Judgement, column: str) -> str:
     """Say whose values a column has, if it has those of another one."""
-    values, true = found.table[column], found.truth(found.table.t)
+    values, true = found.table.columns[column], found.truth(found.table.t)
     unit = found.tables["errors"].set_index("column")["unit"]
     for other in unit.index[unit == unit[column]]:
         reach = float(np.ptp(true[other]))

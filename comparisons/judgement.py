@@ -262,7 +262,7 @@ def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -
         "sample distance [s]": _step(full), **errors(full, truth, size_of(scene))}
     if "drift.position" in full and "drift.velocity" in full:
         row |= {name: value for name, value in drift(full).items() if name != "truth tier"}
-    if all(name in table for name in needed_columns(scene)):
+    if all(name in table.columns for name in needed_columns(scene)):
         row |= zip(("energy error [J]", "energy uncertainty [J]", "energy exchanged [J]"),
                    unaccounted_energy(scene, table.t, table.columns))
     return row

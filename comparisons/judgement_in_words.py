@@ -11,9 +11,8 @@ import pandas as pd
 from stiction.comparisons.measures.accuracy import TORQUE_ERROR, size_of, truth_graph
 from stiction.comparisons.measures.result_errors import COARSE
 from stiction.comparisons.measures.scene_truth import OWN_RTOL, OWN_RUN
-from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Panel, Presentation, Series,
-                                               TableView, TracedText, count, scaled_value, sentence, traced, value,
-                                               view)
+from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Panel, Presentation, Series, TableView,
+                                               TracedText, count, scaled_value, sentence, traced, value, view)
 from stiction.comparisons.truth import NO_TRUTH
 from stiction.reference_impl.energies import needed_columns
 from stiction.scenes.wording import names
@@ -152,7 +151,7 @@ def _not_judged(judged: Judgement) -> Iterator[TracedText]:
                scene.frictional_guides and not slips,
                "jumps (efforts of drives)": scene.frictional_guides and scene.drives and not efforts,
                "constraint drift (positions of all bodies)": "drift.position" not in run,
-               f"energy ({names([name for name in needed_columns(scene) if name not in judged.table])})":
+               f"energy ({names([name for name in needed_columns(scene) if name not in judged.table.columns])})":
                "energy error [J]" not in judged.tables["summary"]}
     known = set(judged.tables["errors"]["column"])
     unknown = [name for name in judged.table.columns if judged.truth.tier != NO_TRUTH and name not in known
@@ -207,8 +206,8 @@ def _figures(judged: Judgement) -> Iterator[Chart]:
     true = phases[phases["verdict"] != INVENTED]
     shades = list(zip(true["begin [s]"], true["end [s]"]))
     t, every = np.linspace(run.t[0], run.t[-1], DRAWN), slice(None, None, -(-len(run.t) // POINTS))
-    for name, label in (*((f"{guide}.slip_velocity", "slip velocity [m/s]") for guide in judged.scene.frictional_guides),
-                        *((f"{drive}.effort", "effort [N m or N]") for drive in judged.scene.drives)):
+    drawn = [(f"{guide}.slip_velocity", "slip velocity [m/s]") for guide in judged.scene.frictional_guides]
+    for name, label in drawn + [(f"{drive}.effort", "effort [N m or N]") for drive in judged.scene.drives]:
         if name in known and name in run:
             exact = truth_graph(judged.truth, name, t)
             panels.append(Panel(name, Axis("time [s]"), Axis(label), [

@@ -69,12 +69,6 @@ class ResultTable:
     columns: Mapping[str, np.ndarray]
     left_out: tuple[str, ...] = ()
 
-    def __contains__(self, column: str) -> bool:
-        return column in self.columns
-
-    def __getitem__(self, column: str) -> np.ndarray:
-        return self.columns[column]
-
     @property
     def first(self) -> np.ndarray:
         """Row of the side before of each distinct instant, int (instants,); of 3, 5, .. rows the first is a sample."""
@@ -160,23 +154,25 @@ def result_table(frame: str | Path | pd.DataFrame | Mapping[str, Any], scene: Sc
     frame = _frame(frame, origin)
     found = list(map(str, frame.columns))
     chosen, left_out, problems = _chosen(found, scene, mapping or {})
-    needs = {"time": (TIME not in chosen, f"the columns {names(found)}", "a column t or time, or --map MINE=t"),
-             "columns": (len(chosen) < 2, f"none of the scene's beside {names(found)}",
-                         f"one or more of {names(columns_of(scene))}; --map MINE=COLUMN renames"),
-             "rows": (len(frame) < 2, str(len(frame)), "at least 2")}
-    problems = problems or [Problem(key, there, f"expected {expected}")
-                            for key, (lacks, there, expected) in needs.items() if lacks][:1]
-    open_forces = len(scene.frictional_guides) > 1 and not problems
+    problems = problems or _first((
+        (TIME not in chosen, "time", f"the columns {names(found)}", "a column t or time, or --map MINE=t"),
+        (len(chosen) < 2, "columns", f"none of the scene's beside {names(found)}",
+         f"one or more of {names(columns_of(scene))}; --map MINE=COLUMN renames"),
+        (len(frame) < 2, "rows", str(len(frame)), "at least 2")))
     columns: dict[str, np.ndarray] = {}
     for name, (mine, sign) in chosen.items() if not problems else ():
         unit = "s" if name == TIME else unit_of(name, scene)
-        values, wrong = _numbers(frame.iloc[:, mine], open_forces and unit in ("N", "N m"))
-        if wrong:
-            problems.append(Problem(f"{shortened(found[mine])}, row {wrong[0]}", *wrong[1:]))
+        values, wrong = _numbers(frame.iloc[:, mine], len(scene.frictional_guides) > 1 and unit in ("N", "N m"))
+        problems += [Problem(f"{shortened(found[mine])}, row {row}", *words) for row, *words in wrong]
         columns[name] = sign * _size(unit, units or {}) * values
-    if problems or (problems := list(_time_problems(columns[TIME], scene.t_end))):
+    if problems or (problems := _time_problems(columns[TIME], scene.t_end)):
         raise ResultError(origin, problems)
     return ResultTable(origin, columns.pop(TIME), columns, tuple(left_out))
+
+
+def _first(checks: Iterable[tuple[Any, str, str, str]]) -> list[Problem]:
+    """The first problem: of each check if it is one, its key, what was found, what was expected."""
+    return [Problem(key, found, f"expected {expected}") for wrong, key, found, expected in checks if wrong][:1]
 
 
 def _read(path: Path) -> pd.DataFrame:
@@ -184,42 +180,37 @@ def _read(path: Path) -> pd.DataFrame:
     import pyarrow as pa
     from pyarrow import csv, parquet
 
+    wrong, ending = "", path.suffix.lower()
     try:
-        ending, size = path.suffix.lower(), path.stat().st_size
-        if ending not in ENDINGS:
-            wrong, expected = shown(path.name), f"expected {' or '.join(ENDINGS)}"
-        elif not 0 < size <= MAX_FILE_SIZE:
-            wrong, expected = f"{size} bytes", f"expected 1 .. {MAX_FILE_SIZE}"
-        elif ending == ".parquet":
-            return parquet.read_table(path).to_pandas()
-        else:
+        size = path.stat().st_size
+        if ending in ENDINGS and 0 < size <= MAX_FILE_SIZE:
+            if ending == ".parquet":
+                return parquet.read_table(path).to_pandas()
             with path.open(encoding="utf-8") as file:
                 heading = file.readline(2 ** 20)
             # one block: the type of a column is then that of all its rows
             found = csv.read_csv(path, csv.ReadOptions(use_threads=False, block_size=size + 1),
                                  csv.ParseOptions(delimiter=max(",;\t", key=heading.count)))
             return found.rename_columns([name.lstrip("# ").strip() for name in found.column_names]).to_pandas()
-    except OSError as error:
-        wrong, expected = str(error.strerror or error), "expected a file that can be read"
-    except UnicodeDecodeError as error:
-        wrong, expected = f"byte {error.start} that is not UTF-8", "expected a table as text (CSV)"
-    except pa.ArrowException as error:
-        wrong, expected = shortened(" ".join(str(error).split()), 160), f"expected a table ({ending})"
-    raise ResultError(str(path), [Problem("file", wrong, expected)])
+        wrong = f"{shown(path.name)} of {size} bytes"
+    except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
+        wrong = shortened(" ".join(str(getattr(error, "strerror", None) or error).split()), 160)
+    raise ResultError(str(path), [Problem("file", wrong, f"expected a table, {' or '.join(ENDINGS)}, of at most "
+                                                         f"{MAX_FILE_SIZE} bytes")])
 
 
 def _frame(table: pd.DataFrame | Mapping[str, Any], origin: str) -> pd.DataFrame:
     """A frame whose time is a column."""
     import pandas as pd
 
+    wrong = f"a {type(table).__name__}"
     try:
         table = pd.DataFrame(dict(table)) if isinstance(table, Mapping) else table
     except ValueError as error:  # lengths that differ, arrays of two dimensions
-        raise ResultError(origin, [Problem("columns", shortened(str(error), 160), "expected arrays of one length")]
-                          ) from None
+        wrong = shortened(str(error), 160)
     if not isinstance(table, pd.DataFrame):
-        raise ResultError(origin, [Problem("table", f"a {type(table).__name__}",
-                                           "expected a file's name, a DataFrame or a mapping of arrays")])
+        raise ResultError(origin, [Problem("columns", wrong, "expected a file's name, a DataFrame or a mapping of "
+                                                             "arrays of one length")])
     is_index = not set(TIME_NAMES) & set(table.columns) and table.index.name in TIME_NAMES
     return table.reset_index() if is_index else table
 
@@ -229,7 +220,7 @@ def _chosen(found: list[str], scene: Scene,
     """Number and sign of the table's column by the scene's name; columns left out; problems of names."""
     known = [TIME, *columns_of(scene)]
     chosen: dict[str, tuple[int, int]] = {}
-    left_out, misspelt = [], {}
+    left_out, misspelt = [], []
     problems = [Problem("--map", shown(mine), f"expected a column of the table: {names(found)}"
                                               f"{did_you_mean(mine, found)}") for mine in mapping if mine not in found]
     mapped = {column.lstrip("-") for column in mapping.values()}
@@ -238,44 +229,38 @@ def _chosen(found: list[str], scene: Scene,
         name = column.removeprefix("-")
         if name in chosen:
             problems.append(Problem(shortened(mine), f"a second column {name}", "expected each once"))
-        elif column == f"-{TIME}":
-            problems.append(Problem("--map", shown(column), f"expected {TIME}: times have no other sign"))
-        elif name in known:
+        elif name in known and column != f"-{TIME}":
             chosen[name] = number, -1 if column.startswith("-") else 1
         elif mine in mapping and name:
-            problems.append(Problem("--map", shown(name), f"expected a column of the scene: {names(known)}"
-                                                          f"{did_you_mean(name, known)}"))
+            problems.append(Problem("--map", shown(column), f"expected a column of the scene: {names(known)}"
+                                                            f"{did_you_mean(name, known)}; a time has no other sign"))
         elif mine not in mapping and (close := did_you_mean(mine, known)):
-            misspelt[mine] = close
+            misspelt.append(Problem(shortened(mine), "a name that the scene does not have", f"expected a column of the "
+                                    f"scene{close}; --map MINE=COLUMN renames, --map MINE= leaves out"))
         else:
             left_out.append(mine)
     if len(misspelt) > _TYPING_ERRORS:
-        problems = [Problem("columns", names(misspelt), f"expected those of the scene: {names(known)}; is the table of "
-                                                        "another scene?")]
-    else:
-        problems += [Problem(shortened(mine), "a name that the scene does not have",
-                             f"expected a column of the scene{close}; --map MINE=COLUMN renames, --map MINE= leaves "
-                             "out") for mine, close in misspelt.items()]
-    return chosen, left_out, problems
+        return chosen, left_out, [Problem("columns", names([problem.key for problem in misspelt]),
+                                          f"expected those of the scene: {names(known)}; is the table of another "
+                                          "scene?")]
+    return chosen, left_out, problems + misspelt
 
 
-def _numbers(column: pd.Series, may_be_open: bool) -> tuple[np.ndarray, tuple[int, str, str] | None]:
+def _numbers(column: pd.Series, may_be_open: bool) -> tuple[np.ndarray, list[tuple[int, str, str]]]:
     """Numbers of a column, and row (from 1, below the names), found and expected of the first that is none."""
     import pandas as pd
 
-    numeric = column.dtype.kind in "iufO"  # neither dates nor truth values
-    values = (pd.to_numeric(column, errors="coerce").to_numpy(dtype=float, na_value=np.nan) if numeric
-              else np.full(len(column), np.nan))
+    values = np.full(len(column), np.nan)
+    if column.dtype.kind in "iufO":  # neither dates nor truth values
+        values = pd.to_numeric(column, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
     words = np.isnan(values) & column.notna().to_numpy()
     wrong = words if words.any() else np.isinf(values) if may_be_open else ~np.isfinite(values)
     if not wrong.any():
-        return values, None
+        return values, []
     row = int(np.argmax(wrong))
-    found, point = ("nothing (NaN)" if np.isnan(values[row]) else str(values[row])), ""
-    if words.any():
-        found = shown(str(column.iloc[row]))
-        point = " with a decimal point" * bool(re.fullmatch(r"'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*'", found))
-    return values, (row + 1, found, f"expected a finite number{point}")
+    found = shown(str(column.iloc[row])) if words[row] else "nothing (NaN)" if np.isnan(values[row]) else "inf"
+    decimal = re.fullmatch(r"'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*'", found)
+    return values, [(row + 1, found, "expected a finite number" + " with a decimal point" * bool(decimal))]
 
 
 def _size(unit: str, units: Mapping[str, float]) -> float:
@@ -286,23 +271,16 @@ def _size(unit: str, units: Mapping[str, float]) -> float:
     return float(numerator / denominator ** (1 + below.endswith("²")))
 
 
-def _time_problems(t: np.ndarray, t_end: float) -> Iterator[Problem]:
-    steps = np.diff(t)
-    if (steps < 0).any():
-        row = int(np.argmax(steps < 0))
-        yield Problem(f"time, row {row + 2}", f"{t[row + 1]:.9g} s after {t[row]:.9g} s",
-                      "expected times in order; two equal ones are the two sides of an event")
-        return
-    if not t[-1] > t[0]:
-        yield Problem("time", f"{t[0]:.9g} s in all {len(t)} rows", "expected increasing times")
-        return
-    instants, counts = np.unique(t, return_counts=True)
-    if (most := int(np.max(counts))) > MOST_ROWS:
-        yield Problem("time", f"{most} rows at {instants[np.argmax(counts)]:.9g} s",
-                      f"expected at most {MOST_ROWS}; are the times written with too few digits?")
-    if t[0] < -_ROUNDING * t_end:
-        yield Problem("time, row 1", f"{t[0]:.9g} s", "expected times from 0 on")
-    if t[-1] > t_end * (1 + _ROUNDING) + (instants[-1] - instants[-2]):
-        hint = ("are they in ms (--units ms)?" if 50 <= t[-1] / t_end <= 2000 else
-                "--set t_end=.. makes the scene longer")
-        yield Problem("time", f"times up to {t[-1]:.9g} s", f"expected the scene's t_end = {t_end:g} s at most; {hint}")
+def _time_problems(t: np.ndarray, t_end: float) -> list[Problem]:
+    steps, (instants, counts) = np.diff(t), np.unique(t, return_counts=True)
+    back, most = int(np.argmin(steps)), int(np.argmax(counts))
+    hint = "are they in ms (--units ms)?" if 50 <= t[-1] / t_end <= 2000 else "--set t_end=.. makes the scene longer"
+    return _first((
+        (steps[back] < 0, f"time, row {back + 2}", f"{t[back + 1]:.9g} s after {t[back]:.9g} s",
+         "times in order; two equal ones are the two sides of an event"),
+        (len(instants) < 2, "time", f"{t[0]:.9g} s in all {len(t)} rows", "increasing times"),
+        (counts[most] > MOST_ROWS, "time", f"{counts[most]} rows at {instants[most]:.9g} s",
+         f"at most {MOST_ROWS}; are the times written with too few digits?"),
+        (t[0] < -_ROUNDING * t_end, "time, row 1", f"{t[0]:.9g} s", "times from 0 on"),
+        (t[-1] > t_end * (1 + _ROUNDING) + np.ptp(instants[-2:]), "time", f"times up to {t[-1]:.9g} s",
+         f"the scene's t_end = {t_end:g} s at most; {hint}")))

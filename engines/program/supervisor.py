@@ -34,7 +34,11 @@ def main(log: str, largest: str, *command: str) -> None:
             except (ProcessLookupError, PermissionError):  # macOS refuses for a group of processes that have ended
                 pass
 
-    _thread.start_new_thread(lambda: (os.read(0, 1), kill_group()), ())
+    def watch() -> None:
+        os.read(0, 1)
+        kill_group()
+
+    _thread.start_new_thread(watch, ())
     os.waitid(os.P_PID, number, os.WEXITED | os.WNOWAIT)
     kill_group()  # what it has left running
     killing.acquire()  # for ever: once it is waited for, its number may be another's

@@ -108,7 +108,7 @@ class DeclaredEngine(Engine):
         """
         from stiction.reference_impl.multibody.reactions import recover_columns  # compiles
 
-        if missing := [column for column in state_columns(scene) if column not in table]:
+        if missing := [column for column in state_columns(scene) if column not in table.columns]:
             raise BadTrajectory(f"{self.name} returned no column {', '.join(missing[:4])}{', ..' * (len(missing) > 4)};"
                                 " expected positions and velocities of all bodies")
         found, made = dict(table.columns), {}

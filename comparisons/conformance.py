@@ -128,7 +128,8 @@ def _faults(found: Judgement) -> Iterator[str]:
         causes.setdefault(_exchanged(found, column) or hint, []).append(column)
     if "" in causes:  # then what seems to explain some of the columns is chance
         true, columns = found.truth(t), list(wrong["column"])
-        off = [np.abs(found.table.columns[name] - true[name]) > LIMIT * size for name, size in zip(columns, sizes[wrong.index])]
+        off = [np.abs(found.table.columns[name] - true[name]) > LIMIT * size
+               for name, size in zip(columns, sizes[wrong.index])]
         yield (f"{', '.join(columns)}: wrong from t = {t[np.argmax(np.any(off, axis=0))]:.3g} s on; no unit, sign or "
                "order of columns explains it")
         yield f"new in this scene: {ADDED[scene.name]}"

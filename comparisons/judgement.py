@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.judgement_in_words import FOUND, INVENTED, MISSED, UNRESOLVED, presentation
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.result_errors import TURN, column_errors
@@ -24,7 +25,7 @@ from stiction.comparisons.measures.torque_jumps import SAMPLES, torque_table
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.truth.truth import Columns
-from stiction.comparisons.truth_folder import is_truth_folder, read_truth
+from stiction.comparisons.truth_folder import is_truth_folder, read_truth, two_sided_frame
 from stiction.comparisons.variants import Record, Variant
 from stiction.engines import coherence
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate, changed_modes
@@ -35,7 +36,7 @@ from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Event, InputError, Scene, Trajectory, load_scene, vary
 from stiction.scenes.columns import columns_of, unit_of
 from stiction.scenes.result_table import ResultTable, result_table
-from stiction.scenes.trajectory import rows_of, stacked
+from stiction.scenes.trajectory import stacked
 
 FEW = 0.1
 """Part of the time of a scene that a step may take at most, for a table to cover it."""
@@ -47,7 +48,6 @@ RESOLVED = 3
 """Samples within a stick phase, at least, for a table to show it: the first and the last may belong to its ends."""
 PHASE = ["guide", "begin [s]", "end [s]", "duration [s]", "samples", "verdict", "fastest slip [m/s]"]
 """Columns of a stick phase."""
-FOUND, MISSED, UNRESOLVED, INVENTED = "found", "missed", "too short for the samples", "the truth slips"
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,6 @@ class Judgement:
     @cached_property
     def presentation(self) -> Presentation:
         """The same in words, tables and figures."""
-        from stiction.comparisons.judgement_in_words import presentation
-
         return presentation(self)
 
     def __str__(self) -> str:
@@ -150,8 +148,8 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
             raise InputError(f"t_end: found {t_end:g} s; expected at most {truth.t_end:g} s, the end of the truth in "
                              "the folder")
         scene = vary(scene, {"t_end": t_end})
-    if isinstance(frame, Trajectory):  # events of independent parts have the columns of their part alone
-        frame = frame.to_frame(events=all(event.before.keys() == frame.columns.keys() for event in frame.events))
+    if isinstance(frame, Trajectory):
+        frame = two_sided_frame(frame)
     return judged(scene, result_table(frame, scene, mapping, units), truth or ground_truth(scene))
 
 
@@ -237,10 +235,10 @@ def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
     if _has(found.columns, scene, POSITIONS):
         mechanism = Mechanism(scene, stabilization="none")
         q = np.ascontiguousarray(stacked(found.columns, mechanism.body_names, POSITIONS))
-        v = np.ascontiguousarray(stacked(found.columns, mechanism.body_names, VELOCITIES)) if moves else np.zeros_like(q)
+        v = stacked(found.columns, mechanism.body_names, VELOCITIES) if moves else np.zeros_like(q)
         force = np.zeros((len(found.t), len(mechanism.row_names) + len(mechanism.guide_names)))
         names = [f"{guide}.{label}" for guide in scene.guides for label in ("displacement", "slip_velocity")]
-        columns = build_columns(mechanism, found.t, q, v, np.zeros_like(q), force, None,
+        columns = build_columns(mechanism, found.t, q, np.ascontiguousarray(v), np.zeros_like(q), force, None,
                                 [*names, "drift.position", "drift.velocity"])
         if moves:
             return columns
@@ -321,8 +319,9 @@ def _findings(scene: Scene, full: Trajectory, given: set[str]) -> Iterator[str]:
         for body in scene.bodies:
             for rate, second in zip(VELOCITIES, ACCELERATIONS):  # of which the check of velocities takes the size
                 columns.setdefault(f"{body}.{second}", np.gradient(columns[f"{body}.{rate}"], full.t))
-    run = Examined(replace(full, columns=columns, settings={} if full.events else {"dt": _step(full)}), scene, float(full.t[-1]), None, _step(full),
-                   "joint", lambda _: bool(full.events), lambda _: True)
+    found = replace(full, columns=columns, settings={} if full.events else {"dt": _step(full)})
+    run = Examined(found, scene, float(full.t[-1]), None, _step(full), "joint",
+                   lambda _: bool(full.events), lambda _: True)
     for check, applies in checks.items():
         if applies and (finding := next(check(run), None)):
             yield finding

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 DRAWN, POINTS, LINES = 2000, 100, 6
 """Samples of a line in the figure, points of the table, and positions, those with the largest errors; at most."""
+FOUND, MISSED, UNRESOLVED, INVENTED = "found", "missed", "too short for the samples", "the truth slips"
+"""Verdicts on a stick phase."""
 NOTES = ("Errors are taken at the table's own instants: nothing between its rows is charged to it. A column that jumps "
          "(accelerations, forces, efforts) has the mean of |error| over time; a jump within a row's distance is part "
          "of its uncertainty. Angles are compared up to whole turns.",
@@ -106,8 +108,6 @@ def _summed(judged: Judgement, sentences: Iterable[Sequence[str]]) -> Iterator[T
 
 
 def _stick_phases(judged: Judgement) -> Iterator[TracedText]:
-    from stiction.comparisons.judgement import FOUND, INVENTED, MISSED, UNRESOLVED
-
     table, name = judged.tables["stick-phases"], "stick-phases"
     if table.empty:
         return
@@ -187,8 +187,6 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
 
 
 def _figures(judged: Judgement) -> Iterator[Chart]:
-    from stiction.comparisons.judgement import INVENTED
-
     if judged.truth.tier == NO_TRUTH:
         return
     run, known, panels = judged.trajectory, judged.truth(judged.trajectory.t), []

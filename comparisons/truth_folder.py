@@ -22,8 +22,8 @@ from scipy.interpolate import BPoly, CubicSpline, PPoly
 
 from stiction.comparisons.proof.truth import certificate_of
 from stiction.comparisons.truth import Truth
-from stiction.comparisons.truth.truth import Columns
-from stiction.scenes import Event, FileError, Problem, Scene, catalogue, scene_to_toml
+from stiction.comparisons.truth.truth import SIDES, Columns
+from stiction.scenes import Event, FileError, Problem, Scene, Trajectory, catalogue, scene_to_toml
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.resolved import load_resolved, resolved_text
 from stiction.scenes.trajectory import events_frame
@@ -138,6 +138,29 @@ def columns_of_frame(frame: pd.DataFrame) -> Columns:
         return found
 
     return columns
+
+
+def two_sided_frame(run: Trajectory) -> pd.DataFrame:
+    """Return `Trajectory.to_frame` with both sides of events.
+
+    At an event of one independent part, the columns of others are interpolated between their own rows.
+    """
+    names = [name for name, values in run.columns.items() if np.isfinite(values).all()]
+    sides = pd.DataFrame([{"t": event.time, **side} for event in run.events for side in (event.before, event.after)],
+                         columns=["t", *run.columns])
+    groups: dict[tuple[bool, ...], list[str]] = {}
+    for name in names:
+        groups.setdefault(tuple(name in event.before for event in run.events), []).append(name)
+    for has, own in groups.items():
+        rows, lacks = sides.loc[np.repeat(has, 2), ["t", *own]], ~np.repeat(np.array(has, dtype=bool), 2)
+        if lacks.any():
+            known = pd.concat([run.to_frame()[["t", *own]], rows]).sort_values("t", kind="stable", ignore_index=True)
+            first = {time: row for row, time in reversed(list(rows["t"].items()))}
+            t, columns = sides["t"].to_numpy()[lacks], columns_of_frame(known)
+            passed = [first.get(time, len(sides)) < row for row, time in zip(np.flatnonzero(lacks), t)]
+            before, after = (columns(t, side) for side in SIDES)
+            sides.loc[lacks, own] = np.array([np.where(passed, after[name], before[name]) for name in own]).T
+    return pd.concat([run.to_frame(), sides]).sort_values("t", kind="stable", ignore_index=True)
 
 
 def _curves(piece: pd.DataFrame) -> dict[str, PPoly | BPoly]:

@@ -65,7 +65,8 @@ def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
     verdict, value = judge(case, variant, outcome), outcome.value
     step = case.dt if variant.parameter == "dt" else variant.ladder[-1]
     return {"topic": case.topic, "case": case.name, "scene": case.scene, "must": case.must, "variant": variant.label,
-            "engine": label_of(variant.engine), "version": value.version if value else None, "fidelity": variant.fidelity,
-            "parameter": variant.parameter, "step": step, "verdict": verdict.word, "about": verdict.about,
+            "engine": label_of(variant.engine), "version": value.version if value else None,
+            "fidelity": variant.fidelity, "parameter": variant.parameter, "step": step,
+            "verdict": verdict.word, "about": verdict.about,
             "size": verdict.size, "limit": verdict.limit, "cpu [s]": value.cpu_s if value else None,
             OWN_CPU: value.engine_s if value else None}

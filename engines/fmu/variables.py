@@ -63,24 +63,17 @@ class FmuDeclared(Declared):
     """Capabilities of an FMU. It is made for its scenes, so that it has their friction unless it says otherwise."""
 
     friction_law: StrictStr = "the FMU's own"
-    """In words; empty where it has no friction"""
     static_coefficient: StrictBool = True
-    """Whether it has mus > mu"""
 
 
 class Map(Model):
-    """What an FMU names otherwise than the scene, and what it can do."""
+    """Names in an FMU that are not the scene's, and what it can do, as the module says."""
 
     scene: StrictStr = ""
-    """Names or patterns of scenes, separated by blanks"""
     interface: Literal["co-simulation", "model exchange", ""] = ""
-    """Of an FMU that has both"""
     columns: Annotated[dict[str, StrictStr | StrictFloat | StrictInt], BeforeValidator(flattened)] = {}
-    """Variable by column, with a - before it for the other sign; or a number"""
     parameters: Annotated[dict[str, StrictStr], BeforeValidator(flattened)] = {}
-    """Variable by the scene's parameter or number"""
     capabilities: FmuDeclared = FmuDeclared()
-    """What it can do"""
 
 
 @dataclass(frozen=True)

@@ -27,24 +27,16 @@ DIFFERENCES = "differences of velocities (adapter)"
 
 
 class Declared(Model):
-    """Capabilities that a file declares; see `stiction.engines.Capabilities`."""
+    """Capabilities, as `stiction.engines.program.declaration` shows them."""
 
     fidelity: Literal["joint", "contact"] = "joint"
-    """`"joint"` or `"contact"`"""
     friction_law: StrictStr = ""
-    """In words; empty where it has no friction"""
     static_coefficient: StrictBool = False
-    """Whether it has mus > mu"""
     regularized: StrictBool = False
-    """Whether friction may leave Coulomb's cone"""
     impulses: StrictBool = False
-    """Whether steps exchange impulses between velocities"""
     adaptive: StrictBool = False
-    """Whether it takes a tolerance instead of a step"""
     locates_events: StrictBool = False
-    """Whether it reports the events of its runs"""
     order: StrictStr = "unknown"
-    """Order of convergence that it promises"""
 
 
 class DeclaredEngine(Engine):

@@ -233,7 +233,8 @@ def _chosen(found: list[str], scene: Scene,
             chosen[name] = number, -1 if column.startswith("-") else 1
         elif mine in mapping and name:
             problems.append(Problem("--map", shown(column), f"expected a column of the scene: {names(known)}"
-                                                            f"{did_you_mean(name, known)}; a time has no other sign"))
+                                                            f"{did_you_mean(name, known)}"
+                                                            + "; times have no other sign" * (name == TIME)))
         elif mine not in mapping and (close := did_you_mean(mine, known)):
             misspelt.append(Problem(shortened(mine), "a name that the scene does not have", f"expected a column of the "
                                     f"scene{close}; --map MINE=COLUMN renames, --map MINE= leaves out"))
@@ -273,7 +274,7 @@ def _size(unit: str, units: Mapping[str, float]) -> float:
 
 def _time_problems(t: np.ndarray, t_end: float) -> list[Problem]:
     steps, (instants, counts) = np.diff(t), np.unique(t, return_counts=True)
-    back, most = int(np.argmin(steps)), int(np.argmax(counts))
+    back, most = int(np.argmax(steps < 0)), int(np.argmax(counts))
     hint = "are they in ms (--units ms)?" if 50 <= t[-1] / t_end <= 2000 else "--set t_end=.. makes the scene longer"
     return _first((
         (steps[back] < 0, f"time, row {back + 2}", f"{t[back + 1]:.9g} s after {t[back]:.9g} s",

@@ -115,7 +115,7 @@ def test_bad_maps(text):
 
 
 @pytest.mark.parametrize(("mapping", "words"), [({"x2": "slider.x"}, "x1"), ({"x1": "slider.xx"}, "slider.x"),
-                                                ({"x1": "slider.y"}, "second")])
+                                                ({"x1": "slider.y"}, "second"), ({"t": "-t"}, "no other sign")])
 def test_maps_of_names_that_are_not_there(mapping, words):
     with pytest.raises(ResultError, match=words):
         result_table(table(slider__y=[0.0] * 3, x1=[0.0] * 3), SCENE, mapping)

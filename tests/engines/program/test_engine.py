@@ -17,8 +17,9 @@ from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.participants import variants
 from stiction.comparisons.digest import circumstances, digest
 from stiction.comparisons.timing.rounds import seconds_of
-from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Refused, UnknownEngine, load_engine,
-                              run_isolated)
+from stiction.comparisons.variants import Record
+from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Outcome, Refused, UnknownEngine,
+                              load_engine, run_isolated)
 from stiction.engines.program import declaration
 from stiction.engines.program.declaration import Declaration
 from stiction.engines.shared.declared_engine import DIFFERENCES
@@ -226,6 +227,16 @@ class TestFailures:
             load_engine(path)
 
 
+    def test_a_version_that_does_not_come_is_waited_for_once(self, program, tmp_path, monkeypatch):
+        monkeypatch.setattr("stiction.engines.program.engine.VERSION_S", 1.0)
+        path = program()
+        (tmp_path / "flight_version.py").write_text("open('asked', 'a').write('x')\nimport time\ntime.sleep(600)")
+        for _ in range(3):
+            with pytest.raises(EngineMissing, match="no end within 1 s"):
+                load_engine(path)
+        assert (tmp_path / "asked").read_text() == "x"
+
+
 def runs(pid):
     return psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
 
@@ -288,6 +299,7 @@ class TestIdentity:
         monkeypatch.chdir(tmp_path)
         [variant] = [variant for variant in variants(["flight.toml"]) if variant.label == "flight"]
         assert variant.engine == path and variant.stands_for == "flight"
+        assert Record("key", "ball", variant, 1e-2, Outcome("key", "missing")).describe()["engine"] == "flight"
         [outcome] = run_isolated([Job("ball", "flight.toml", BALL, {"output_step": 0.1})], timeout_s=60)
         assert outcome.status == "ok", outcome
 

@@ -7,8 +7,7 @@ thousandth of it: `LIMIT` lies between.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,8 +32,6 @@ _PENDULUM = {"t_end": 1, "gravity": [0, -9.81],
              "bodies": {"bar": {"mass": 2, "inertia": 0.2, "position": [0.3, -0.4], "angle": 0.4}},
              "joints": {"pin": {"type": "revolute", "bodies": ["bar", "ground"],
                                 "points": [["-0.3*cos(0.4) + 0.4*sin(0.4)", "0.3*sin(0.4) + 0.4*cos(0.4)"], [0, 0]]}}}
-
-
 ADDED: Mapping[str, str] = {
     "free-body": "the start, weight, and the table itself",
     "pendulum-on-a-pin": "a pin: points[0] is in the axes of bodies[0], from its centre of mass, and turns with "
@@ -45,17 +42,10 @@ ADDED: Mapping[str, str] = {
 """New in a scene, and so the first suspect."""
 
 
-@dataclass(frozen=True)
-class Trial:
-    """Result of one scene.
+class Trial(NamedTuple):
+    """Result of one scene, and sentences on it.
 
-    Attributes
-    ----------
-    scene : str
-    verdict : str
-        ``"right"``, ``"wrong"``, ``"refused"``, or the status of an outcome that has no result (`Outcome`).
-    words : tuple of str
-        What there is to say of it, a sentence each.
+    The verdict is ``"right"``, ``"wrong"``, ``"refused"``, or the status of an outcome that has no result (`Outcome`).
     """
 
     scene: str

@@ -6,8 +6,7 @@ Nothing is interpolated between samples of the table but the error itself, where
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -32,8 +31,7 @@ KNOWN = 1e3
 """Ratio of a column's size to its uncertainty above which it is not nothing but rounding."""
 
 
-@dataclass(frozen=True)
-class Hint:
+class Hint(NamedTuple):
     """A cause that explains the errors of a column; `is_input` where the column must be read in another way."""
 
     cause: str
@@ -72,7 +70,7 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
             row |= {"measure": "left open at some instants"}
         known = np.isfinite(found).all() and size > KNOWN * truth.uncertainty.get(name, 0.0)
         cause = hint(found[single], after[name][single], off[single], unit) if known and single.any() else None
-        rows.append({**row, "hint": cause.cause if cause else "", "is input": bool(cause and cause.is_input)})
+        rows.append(row | dict(zip(COLUMNS[-2:], cause or Hint("", False))))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
@@ -84,24 +82,23 @@ def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hin
     error, size = float(np.mean(np.abs(off))), float(np.mean(np.abs(true)))
     if not error > SLIGHT * size:
         return None
-    left = {cause: float(np.mean(np.abs(other))) for cause, other in _causes(found, true, off, unit, error, size)}
-    best = min(left, key=lambda cause: left[cause], default=None)
-    return best if best is not None and left[best] <= EXPLAINS * min(error, size) else None
+    left, best = min((float(np.mean(np.abs(other))), cause)
+                     for cause, other in _causes(found, true, off, unit, error > COARSE * size))
+    return best if left <= EXPLAINS * min(error, size) else None
 
 
-def _causes(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str, error: float,
-            size: float) -> Iterator[tuple[Hint, np.ndarray]]:
+def _causes(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str,
+            is_coarse: bool) -> Iterator[tuple[Hint, np.ndarray]]:
     """Causes, each with the differences that it leaves."""
-    if error > COARSE * size:
-        kind = unit.partition("/")[0]
-        if kind == "rad":
-            yield Hint("57.3 times the truth: degrees? (--units deg)", True), found * np.pi / 180 - true
-        elif kind in ("m", "N", "N m"):
-            words = " (--units mm)" * (kind != "N")
-            yield Hint(f"1000 times the truth: other units?{words}", True), found / 1e3 - true
-            yield Hint("a thousandth of the truth: other units?", True), found * 1e3 - true
+    kind = unit.partition("/")[0]
+    if is_coarse and kind == "rad":
+        yield Hint("57.3 times the truth: degrees? (--units deg)", True), found * np.pi / 180 - true
+    elif is_coarse and kind in ("m", "N", "N m"):
+        yield Hint("1000 times the truth: other units?" + " (--units mm)" * (kind != "N"), True), found / 1e3 - true
+        yield Hint("a thousandth of the truth: other units?", True), found * 1e3 - true
+    if is_coarse:
         yield Hint("the other sign (--map MINE=-COLUMN)", True), -found - true
-        if unit in ("m", "rad") and np.ptp(true) > COARSE * size:
-            yield Hint("off by a constant: another origin or point of the body?", True), off - np.mean(off)
+    if is_coarse and unit in ("m", "rad") and np.ptp(true) > COARSE * np.mean(np.abs(true)):
+        yield Hint("off by a constant: another origin or point of the body?", True), off - np.mean(off)
     yield Hint("a sample late: each row has the value of the row before", False), found[1:] - true[:-1]
     yield Hint("a sample early: each row has the value of the row behind", False), found[:-1] - true[1:]

@@ -110,11 +110,18 @@ class Variables:
             elif not _is_number(known[name]):
                 yield Problem(key, f"{shown(value)}, {known[name].type}", "expected a number alone")
 
-    def sources(self, scene: Scene) -> dict[str, str | float]:
-        """Variable, with its sign, or number by column of the scene, for the columns that the FMU has."""
-        known = self.by_name
-        return {column: self.map.columns.get(column, column) for column in columns_of(scene)
-                if column in self.map.columns or column in known and _is_number(known[column])}
+    def sources(self, scene: Scene) -> dict[str, tuple[str, float, float]]:
+        """Variable ("": none), factor and offset to SI units by column of the scene, for the columns that there are."""
+        found: dict[str, tuple[str, float, float]] = {}
+        for column in columns_of(scene):
+            source = self.map.columns.get(column, column)
+            if not isinstance(source, str):
+                found[column] = "", 0.0, float(source)
+            elif (variable := self.by_name.get(source.removeprefix("-"))) is not None and _is_number(variable):
+                sign = -1 if source.startswith("-") else 1
+                factor, offset = self._unit(variable)
+                found[column] = variable.name, sign * factor, sign * offset
+        return found
 
     def refusal(self, scene: Scene) -> str | None:
         """Why the FMU is not of this scene: another one stated, another constant, a column that it lacks."""
@@ -146,7 +153,7 @@ class Variables:
 
     def names(self, scene: Scene) -> list[str]:
         """Names of the variables that are columns of the scene."""
-        return [source.removeprefix("-") for source in self.sources(scene).values() if isinstance(source, str)]
+        return [name for name, *_ in self.sources(scene).values() if name]
 
     def undefined_units(self, scene: Scene) -> list[str]:
         """Names of units that the FMU uses and does not define: its numbers are taken as they are."""
@@ -156,14 +163,9 @@ class Variables:
 
     def columns(self, scene: Scene, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of the scene in SI units, from what fmpy has recorded, with the time as ``t``."""
-        found = {"t": rows["time"].astype(float)}
-        for column, source in self.sources(scene).items():
-            if isinstance(source, str):
-                factor, offset = self._unit(self.by_name[name := source.removeprefix("-")])
-                found[column] = (factor * rows[name].astype(float) + offset) * (-1 if source.startswith("-") else 1)
-            else:
-                found[column] = np.full(len(rows), float(source))
-        return found
+        return {"t": rows["time"].astype(float),
+                **{column: factor * rows[name or "time"].astype(float) + offset
+                   for column, (name, factor, offset) in self.sources(scene).items()}}
 
     def _numbers(self, scene: Scene) -> Iterator[tuple[str, ModelVariable, float]]:
         """Name in the scene, variable, and value in its unit of each parameter that the scene has too."""

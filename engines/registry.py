@@ -36,9 +36,7 @@ _PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mu
              "dart": "dartpy", ".fmu": "fmpy"}
 """Of the suite's engines that are not its own, and of files, as pip knows them."""
 _OWN_PACKAGE = "stiction"
-PROGRAM = ".toml"
-"""Ending of the names of engines that are programs, `stiction.engines.program`."""
-FILES = {PROGRAM: "stiction.engines.program.engine:ProgramEngine", ".fmu": "stiction.engines.fmu.engine:FmuEngine"}
+FILES = {".toml": "stiction.engines.program.engine:ProgramEngine", ".fmu": "stiction.engines.fmu.engine:FmuEngine"}
 """Addresses of the engines that are files by the ending of their names; the classes take the absolute path."""
 
 

@@ -78,16 +78,7 @@ class Map(Model):
 
 @dataclass(frozen=True)
 class Variables:
-    """Variables of an FMU and the names that a map gives to them.
-
-    Attributes
-    ----------
-    description : ModelDescription
-        As fmpy has read it.
-    map : Map
-    file : str
-        Name of the map's file, for messages.
-    """
+    """Variables of an FMU, as fmpy describes them, and the names that a map, of a file, gives to them."""
 
     description: ModelDescription
     map: Map

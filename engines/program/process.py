@@ -10,8 +10,8 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from stiction.scenes.wording import shortened
 
@@ -20,18 +20,12 @@ LOG_BYTES, LOG_LINES = 4000, 4
 """What is read of the end of what a program printed, and the lines of it that a message has."""
 
 
-@dataclass(frozen=True)
-class Ended:
+class Ended(NamedTuple):
     """End of a program.
 
-    Attributes
-    ----------
-    code : int or None
-        Exit code, or minus the signal that ended it; None where it was not started, or given up.
-    cpu_s : float
-        CPU seconds, user and system, of the program and of those of its children that it waited for.
-    said : str
-        The last lines of what it printed, in one line; why it was not started.
+    `code`: exit code, or minus the signal that ended it; None where it was not started, or given up. `cpu_s`: seconds,
+    user and system, of the program and of those of its children that it waited for. `said`: the last lines of what it
+    printed, in one; why it was not started.
     """
 
     code: int | None

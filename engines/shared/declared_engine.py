@@ -40,12 +40,7 @@ class Declared(Model):
 
 
 class DeclaredEngine(Engine):
-    """Base of engines with declared capabilities.
-
-    Attributes
-    ----------
-    declared : Declared
-    """
+    """Base of engines with declared capabilities."""
 
     declared: Declared
 
@@ -124,13 +119,7 @@ class DeclaredEngine(Engine):
 
 
 def read_declaration(file: Path, model: type[Declaration]) -> Declaration:
-    """Read a TOML file of a model.
-
-    Raises
-    ------
-    FileError
-        With all problems of the file at once.
-    """
+    """Read a TOML file of a model; a FileError has all its problems at once."""
     try:
         return model.model_validate(read_toml(file, str(file)))
     except ValidationError as found:

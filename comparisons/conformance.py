@@ -6,9 +6,8 @@ thousandth of it: `LIMIT` lies between.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,10 +15,10 @@ from stiction.comparisons.judgement import Judgement, judged
 from stiction.comparisons.measures.accuracy import size_of
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.variants import physics_of
-from stiction.engines.isolation import Outcome, Task, isolate
+from stiction.engines.isolation import Task, isolate
 from stiction.engines.program.engine import ProgramEngine
 from stiction.engines.protocol import Refused
-from stiction.engines.registry import load_engine
+from stiction.engines.registry import absolute_name, load_engine
 from stiction.scenes import InputError, Scene, load_scene, scene_from_dict, vary
 
 LIMIT = 0.02
@@ -33,8 +32,6 @@ _PENDULUM = {"t_end": 1, "gravity": [0, -9.81],
              "bodies": {"bar": {"mass": 2, "inertia": 0.2, "position": [0.3, -0.4], "angle": 0.4}},
              "joints": {"pin": {"type": "revolute", "bodies": ["bar", "ground"],
                                 "points": [["-0.3*cos(0.4) + 0.4*sin(0.4)", "0.3*sin(0.4) + 0.4*cos(0.4)"], [0, 0]]}}}
-
-
 ADDED: Mapping[str, str] = {
     "free-body": "the start, weight, and the table itself",
     "pendulum-on-a-pin": "a pin: points[0] is in the axes of bodies[0], from its centre of mass, and turns with "
@@ -45,17 +42,10 @@ ADDED: Mapping[str, str] = {
 """New in a scene, and so the first suspect."""
 
 
-@dataclass(frozen=True)
-class Trial:
-    """Result of one scene.
+class Trial(NamedTuple):
+    """Result of one scene, and sentences on it.
 
-    Attributes
-    ----------
-    scene : str
-    verdict : str
-        ``"right"``, ``"wrong"``, ``"refused"``, or the status of an outcome that has no result (`Outcome`).
-    words : tuple of str
-        What there is to say of it, a sentence each.
+    The verdict is ``"right"``, ``"wrong"``, ``"refused"``, or the status of an outcome that has no result (`Outcome`).
     """
 
     scene: str
@@ -87,36 +77,30 @@ def conformance(engine: str, timeout_s: float) -> Iterator[Trial]:
     if not isinstance(load_engine(engine), ProgramEngine):
         raise InputError(f"engine: found {engine!r}; expected the declaration of a program, FILE.toml")
     for scene in conformance_scenes():
-        [outcome] = isolate([Task(scene.name, _attempt, (engine, scene))], workers=1, timeout_s=timeout_s)
-        trial = _trial(scene.name, outcome)
+        [outcome] = isolate([Task(scene.name, _attempt, (absolute_name(engine), scene))], workers=1,
+                            timeout_s=timeout_s)
+        trial = outcome.value or Trial(scene.name, outcome.status, (outcome.reason,))
         yield trial
         if trial.verdict not in ("right", "refused"):
             return
 
 
-def _trial(name: str, outcome: Outcome) -> Trial:
-    if outcome.status != "ok":
-        return Trial(name, outcome.status, (outcome.reason,))
-    faults, error = outcome.value
-    return Trial(name, "wrong", tuple(faults)) if faults else Trial(name, "right", (f"position error {error:.2g} m",))
-
-
-def _attempt(name: str, scene: Scene) -> tuple[list[str], float | None]:
-    """Faults of the result of a scene, and its position error, m; in the child."""
+def _attempt(name: str, scene: Scene) -> Trial:
+    """The trial of a scene, in the child."""
     engine = load_engine(name)
     assert isinstance(engine, ProgramEngine)
-    fidelity = engine.capabilities.fidelities[0]
-    scene = physics_of(scene, engine.capabilities.static_coefficient[fidelity])
-    step: dict[str, Any] = {"rtol": TOLERANCE} if engine.capabilities.adaptive else {"dt": STEP}
+    fidelity = engine.declared.fidelity
+    scene = physics_of(scene, engine.declared.static_coefficient)
+    step: dict[str, Any] = {"rtol": TOLERANCE} if engine.declared.adaptive else {"dt": STEP}
     if reason := engine.refusal(scene, fidelity):
         raise Refused(reason)
     # as the program has written it: what no comparison would take says most about mistakes
     made = engine.product(scene, scene.t_end, step.get("dt"), step.get("rtol"), OUTPUT_STEP, {})
     found = judged(scene, made.table, ground_truth(scene))
-    if faults := list(_faults(found)):
-        return faults, None
+    if faults := tuple(_faults(found)):
+        return Trial(scene.name, "wrong", faults)
     engine.simulate(scene, fidelity=fidelity, output_step=OUTPUT_STEP, **step)  # raises what the gate has against it
-    return [], found.error
+    return Trial(scene.name, "right", (f"position error {found.error:.2g} m",))
 
 
 def _faults(found: Judgement) -> Iterator[str]:
@@ -127,15 +111,17 @@ def _faults(found: Judgement) -> Iterator[str]:
     if not found.is_complete:
         yield f"time grid: ends at {t[-1]:g} s; expected {scene.t_end:g} s"
     rows = found.tables["errors"]
-    continuous = rows[rows["measure"] == "largest"]
-    wrong = continuous[continuous["error"] > LIMIT * np.maximum(continuous["size"], size_of(scene))]
+    sizes = np.maximum(rows["size"].astype(float), size_of(scene))
+    wrong = rows[(rows["measure"] == "largest") & (rows["error"] > LIMIT * sizes)]
     causes: dict[str, list[str]] = {}
-    for row in wrong.to_dict("records"):
-        causes.setdefault(_exchanged(found, row["column"]) or row["hint"], []).append(row["column"])
+    for column, hint in zip(wrong["column"], wrong["hint"]):
+        causes.setdefault(_exchanged(found, column) or hint, []).append(column)
     if "" in causes:  # then what seems to explain some of the columns is chance
-        columns = list(wrong["column"])
-        yield (f"{', '.join(columns)}: wrong from t = {_begin(found, columns):.3g} s on; no unit, sign or order of "
-               "columns explains it")
+        true, columns = found.truth(t), list(wrong["column"])
+        off = [np.abs(found.table.columns[name] - true[name]) > LIMIT * size
+               for name, size in zip(columns, sizes[wrong.index])]
+        yield (f"{', '.join(columns)}: wrong from t = {t[np.argmax(np.any(off, axis=0))]:.3g} s on; no unit, sign or "
+               "order of columns explains it")
         yield f"new in this scene: {ADDED[scene.name]}"
     else:
         yield from (f"{', '.join(columns)}: {cause}" for cause, columns in causes.items())
@@ -143,17 +129,9 @@ def _faults(found: Judgement) -> Iterator[str]:
         yield from (f"its columns do not fit: {finding}" for finding in found.tables["findings"]["finding"])
 
 
-def _begin(found: Judgement, columns: Sequence[str]) -> float:
-    """Time at which one of the columns is wrong for the first time, s."""
-    true = found.truth(found.table.t)
-    wrong = [np.abs(found.table[name] - true[name]) > LIMIT * max(np.max(np.abs(true[name])), size_of(found.scene))
-             for name in columns]
-    return float(found.table.t[np.argmax(np.any(wrong, axis=0))])
-
-
 def _exchanged(found: Judgement, column: str) -> str:
     """Say whose values a column has, if it has those of another one."""
-    values, true = found.table[column], found.truth(found.table.t)
+    values, true = found.table.columns[column], found.truth(found.table.t)
     unit = found.tables["errors"].set_index("column")["unit"]
     for other in unit.index[unit == unit[column]]:
         reach = float(np.ptp(true[other]))

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.judgement_in_words import FOUND, INVENTED, MISSED, UNRESOLVED, presentation
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
 from stiction.comparisons.measures.drift import drift
-from stiction.comparisons.measures.energy_balance import energy_balance
 from stiction.comparisons.measures.result_errors import TURN, column_errors
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
@@ -25,18 +25,18 @@ from stiction.comparisons.measures.torque_jumps import SAMPLES, torque_table
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.truth.truth import Columns
-from stiction.comparisons.truth_folder import is_truth_folder, read_truth
+from stiction.comparisons.truth_folder import is_truth_folder, read_truth, two_sided_frame
 from stiction.comparisons.variants import Record, Variant
 from stiction.engines import coherence
-from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate
+from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate, changed_modes
 from stiction.engines.isolation import Outcome
-from stiction.reference_impl.energies import needed_columns
+from stiction.reference_impl.energies import needed_columns, unaccounted_energy
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Event, InputError, Scene, Trajectory, load_scene, vary
 from stiction.scenes.columns import columns_of, unit_of
-from stiction.scenes.result_table import ResultTable, read_result, result_table
-from stiction.scenes.trajectory import rows_of, stacked
+from stiction.scenes.result_table import ResultTable, result_table
+from stiction.scenes.trajectory import stacked
 
 FEW = 0.1
 """Part of the time of a scene that a step may take at most, for a table to cover it."""
@@ -48,7 +48,6 @@ RESOLVED = 3
 """Samples within a stick phase, at least, for a table to show it: the first and the last may belong to its ends."""
 PHASE = ["guide", "begin [s]", "end [s]", "duration [s]", "samples", "verdict", "fastest slip [m/s]"]
 """Columns of a stick phase."""
-FOUND, MISSED, UNRESOLVED, INVENTED = "found", "missed", "too short for the samples", "the truth slips"
 
 
 @dataclass(frozen=True)
@@ -95,21 +94,16 @@ class Judgement:
     def hints(self) -> dict[str, list[str]]:
         """Columns by the likely cause of their errors."""
         table = self.tables["errors"]
-        hinted = table[table["hint"] != ""] if len(table) else table
-        return {str(cause): list(rows["column"]) for cause, rows in hinted.groupby("hint", sort=False)} if len(
-            hinted) else {}
+        return {str(cause): list(rows["column"]) for cause, rows in table.groupby("hint", sort=False) if cause}
 
     @property
     def is_misread(self) -> bool:
         """True where columns seem to have other units, signs or origins than the scene: the numbers mean little."""
-        table = self.tables["errors"]
-        return bool(len(table) and table["is input"].any())
+        return bool(self.tables["errors"]["is input"].any())
 
     @cached_property
     def presentation(self) -> Presentation:
         """The same in words, tables and figures."""
-        from stiction.comparisons.judgement_in_words import presentation
-
         return presentation(self)
 
     def __str__(self) -> str:
@@ -117,9 +111,9 @@ class Judgement:
         return "\n".join(part.text for part in (said.answer, *said.findings))
 
     def _largest(self, column: str) -> float | None:
-        table, scale = self.tables["errors"], {"m": 1.0, "rad": size_of(self.scene)}
-        known = table[table["unit"].isin(list(scale))] if len(table) else table
-        return float((known[column] * known["unit"].map(scale)).max()) if len(known) else None
+        table = self.tables["errors"]
+        sizes = table[column] * table["unit"].map({"m": 1.0, "rad": size_of(self.scene)})
+        return None if sizes.isna().all() else float(sizes.max())
 
 
 def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | None = None,
@@ -147,25 +141,16 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
         For a scene that cannot be used, and for a table that cannot be a result of it.
     """
     truth = None
-    if isinstance(scene, Scene):
-        loaded = scene
-    elif is_truth_folder(scene):
-        loaded, truth = read_truth(Path(scene))
-    else:
-        loaded = load_scene(scene)
+    if not isinstance(scene, Scene):
+        scene, truth = read_truth(Path(scene)) if is_truth_folder(scene) else (load_scene(scene), None)
     if t_end is not None:
         if truth is not None and t_end > truth.t_end:
             raise InputError(f"t_end: found {t_end:g} s; expected at most {truth.t_end:g} s, the end of the truth in "
-                             f"{scene}")
-        loaded = vary(loaded, {"t_end": t_end})
-    if isinstance(frame, (str, Path)):
-        table = read_result(frame, loaded, mapping, units)
-    else:
-        given = frame
-        if isinstance(frame, Trajectory):  # events of independent parts have the columns of their part alone
-            given = frame.to_frame(events=all(event.before.keys() == frame.columns.keys() for event in frame.events))
-        table = result_table(given, loaded, mapping, units)
-    return judged(loaded, table, truth or ground_truth(loaded))
+                             "the folder")
+        scene = vary(scene, {"t_end": t_end})
+    if isinstance(frame, Trajectory):
+        frame = two_sided_frame(frame)
+    return judged(scene, result_table(frame, scene, mapping, units), truth or ground_truth(scene))
 
 
 def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
@@ -175,17 +160,15 @@ def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
     trajectory = trajectory_of(scene, table, truth)
     derived = _derived(scene, trajectory)
     full = replace(trajectory, columns={**derived, **trajectory.columns})
-    record = Record(f"{scene.name}/{table.origin}", scene.name, Variant("table", "table", "dt", (_step(full),)),
-                    _step(full), Outcome("table", "ok", trajectory))
     known = truth.tier != NO_TRUTH
-    jumps = [_jumps(record, full, truth, f"{drive}.effort") for drive in scene.drives
+    jumps = [_jumps(full, truth, f"{drive}.effort") for drive in scene.drives
              if known and f"{drive}.effort" in trajectory]
     tables = {
-        "errors": column_errors(table, trajectory, truth, scene) if known else pd.DataFrame(),
+        "errors": column_errors(table, trajectory, truth, scene),
         "summary": pd.DataFrame([_summary(scene, table, replace(full, columns={**full.columns, **derived}), truth)]),
         "stick-phases": pd.DataFrame([row for name in scene.frictional_guides if known
                                       for row in _stick_phases(scene, full, truth, name)], columns=PHASE),
-        "jumps": pd.concat(jumps, ignore_index=True) if jumps else pd.DataFrame(),
+        "jumps": pd.concat([pd.DataFrame(columns=["effort"]), *jumps], ignore_index=True),
         "findings": pd.DataFrame({"finding": list(_findings(scene, full, set(trajectory.columns)))}, dtype=object)}
     return Judgement(scene, table, truth, tables, full)
 
@@ -195,8 +178,7 @@ def _remembering(columns: Columns) -> Columns:
     known: dict[tuple[bytes, str], dict[str, np.ndarray]] = {}
 
     def found(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        key = t.tobytes(), side
-        if key not in known:
+        if (key := (t.tobytes(), side)) not in known:
             known[key] = columns(t, side)
         return known[key]
 
@@ -209,10 +191,10 @@ def _within(table: ResultTable, t_end: float) -> ResultTable:
     if np.count_nonzero(kept) < 2:
         raise InputError(f"{table.origin}: found times from {table.t[0]:g} s on; "
                          f"expected two rows within 0 .. {t_end:g} s")
-    t = np.clip(table.t[kept], 0.0, t_end)
     columns = {name: values[kept] for name, values in table.columns.items()}
     wrapped = [name for name in columns if name.endswith(".angle") and np.ptp(columns[name]) <= TURN * (1 + 1e-6)]
-    return replace(table, t=t, columns=columns | {name: np.unwrap(columns[name]) for name in wrapped})
+    return replace(table, t=np.clip(table.t[kept], 0.0, t_end),
+                   columns=columns | {name: np.unwrap(columns[name]) for name in wrapped})
 
 
 def trajectory_of(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
@@ -220,26 +202,22 @@ def trajectory_of(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
 
     An event is a change of a guide's mode; without one it is what the truth has at the nearest event.
     """
-    first, last = table.first, table.last
-    inner = np.flatnonzero((first < last) & (first > 0) & (last < len(table.t) - 1))
-    sides = [rows_of({name: values[rows[inner]] for name, values in table.columns.items()}) for rows in (first, last)]
-    events = [Event(float(table.t[first[i]]), kind, guide, before, after) for i, before, after in zip(inner, *sides)
-              for kind, guide in _kinds(scene, truth, float(table.t[first[i]]), before, after)]
-    rows = np.delete(last, inner)
-    return Trajectory(scene.name, "table", "", "joint", table.t[rows],
+    t, guides = table.t, scene.frictional_guides
+    events = [Event(time, kind, guide, before, after) for time, before, after in table.jumps(table.columns)
+              if t[0] < time < t[-1]
+              for kind, guide in [*changed_modes(guides, before, after)] or _nearest(truth, time)]
+    jumps = (table.first < table.last) & (t[table.last] > t[0]) & (t[table.last] < t[-1])
+    rows = table.last[~jumps]
+    return Trajectory(scene.name, "table", "", "joint", t[rows],
                       {name: values[rows] for name, values in table.columns.items()}, tuple(events), mechanism=scene)
 
 
-def _kinds(scene: Scene, truth: Truth, time: float, before: Mapping[str, float],
-           after: Mapping[str, float]) -> list[tuple[str, str]]:
-    """Kinds and guides of the events of one instant."""
-    modes = {guide: (before.get(f"{guide}.mode"), after.get(f"{guide}.mode")) for guide in scene.frictional_guides}
-    changed = [(kind, guide) for guide, (old, new) in modes.items() if old != new
-               for kind, fits in coherence.MODES.items() if fits(old, new)]
-    nearest = min((abs(event.time - time) for event in truth.events), default=np.inf)
-    near = [(event.kind, event.joint) for event in truth.events
-            if nearest <= EVENT_WINDOW and abs(event.time - time) <= nearest + 1e-9 * truth.t_end]
-    return changed or near or [("unknown", "")]
+def _nearest(truth: Truth, time: float) -> list[tuple[str, str]]:
+    """Kinds and guides of the true events nearest to an instant."""
+    off = [abs(event.time - time) for event in truth.events]
+    near = min(off, default=np.inf)
+    return [(event.kind, event.joint) for event, one in zip(truth.events, off)
+            if near <= EVENT_WINDOW and one <= near + 1e-9 * truth.t_end] or [("unknown", "")]
 
 
 def _has(columns: Mapping[str, Any] | set[str], scene: Scene, *labels: tuple[str, ...]) -> bool:
@@ -252,24 +230,22 @@ def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
 
     Without velocities a slip velocity is the difference quotient of displacements.
     """
-    if not _has(found.columns, scene, POSITIONS):
-        return _rates(scene, found.t, found.columns)
+    columns: dict[str, np.ndarray] = {}
     moves = _has(found.columns, scene, VELOCITIES)
-    mechanism = Mechanism(scene, stabilization="none")
-    q = np.ascontiguousarray(stacked(found.columns, mechanism.body_names, POSITIONS))
-    v = np.ascontiguousarray(stacked(found.columns, mechanism.body_names, VELOCITIES)) if moves else np.zeros_like(q)
-    force = np.zeros((len(found.t), len(mechanism.row_names) + len(mechanism.guide_names)))
-    names = [f"{guide}.{label}" for guide in scene.guides for label in ("displacement", "slip_velocity")]
-    columns = build_columns(mechanism, found.t, q, v, np.zeros_like(q), force, None,
-                            [*names, "drift.position", "drift.velocity"])
-    if not moves:
-        columns |= {**_rates(scene, found.t, columns), "drift.velocity": np.full(len(found.t), np.nan)}
-    return columns
-
-
-def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return {f"{guide}.slip_velocity": np.gradient(columns[f"{guide}.displacement"], t) for guide in scene.guides
-            if f"{guide}.displacement" in columns}
+    if _has(found.columns, scene, POSITIONS):
+        mechanism = Mechanism(scene, stabilization="none")
+        q = np.ascontiguousarray(stacked(found.columns, mechanism.body_names, POSITIONS))
+        v = stacked(found.columns, mechanism.body_names, VELOCITIES) if moves else np.zeros_like(q)
+        force = np.zeros((len(found.t), len(mechanism.row_names) + len(mechanism.guide_names)))
+        names = [f"{guide}.{label}" for guide in scene.guides for label in ("displacement", "slip_velocity")]
+        columns = build_columns(mechanism, found.t, q, np.ascontiguousarray(v), np.zeros_like(q), force, None,
+                                [*names, "drift.position", "drift.velocity"])
+        if moves:
+            return columns
+        columns["drift.velocity"] = np.full(len(found.t), np.nan)
+    way = {**found.columns, **columns}
+    return columns | {f"{guide}.slip_velocity": np.gradient(way[f"{guide}.displacement"], found.t)
+                      for guide in scene.guides if f"{guide}.displacement" in way}
 
 
 def _step(found: Trajectory) -> float:
@@ -284,43 +260,42 @@ def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -
         "sample distance [s]": _step(full), **errors(full, truth, size_of(scene))}
     if "drift.position" in full and "drift.velocity" in full:
         row |= {name: value for name, value in drift(full).items() if name != "truth tier"}
-    if all(name in table for name in needed_columns(scene)):
-        energy = energy_balance(scene, table.t, table.columns)
-        row |= {"energy error [J]": energy.left_over.value, "energy uncertainty [J]": energy.left_over.uncertainty,
-                "energy exchanged [J]": energy.exchanged}
+    if all(name in table.columns for name in needed_columns(scene)):
+        row |= zip(("energy error [J]", "energy uncertainty [J]", "energy exchanged [J]"),
+                   unaccounted_energy(scene, table.t, table.columns))
     return row
 
 
 def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> Iterator[dict[str, Any]]:
     """Stick phases of the truth as far as the table goes, and rests of the table where the truth slips."""
-    true, slip, known = truth(full.t), f"{guide}.slip_velocity", f"{guide}.mode"
-    if slip not in true or (slip not in full and known not in full):
+    t, true, slip, mode = full.t, truth(full.t), f"{guide}.slip_velocity", f"{guide}.mode"
+    if slip not in true or (slip not in full and mode not in full):
         return
     true_speed = np.abs(true[slip])
     slow = STILL * max(float(np.max(true_speed)), ROUNDED * size_of(scene) / scene.t_end)
-    rests = full[known] == 0 if known in full else np.abs(full[slip]) <= slow
-    slips = true_speed > 2 * slow
-    starts_at_rest = bool(truth(0.0).get(f"{guide}.mode", np.ones(1))[0] == 0)
+    rests = full[mode] == 0 if mode in full else np.abs(full[slip]) <= slow
+    starts_at_rest = bool(truth(0.0).get(mode, np.ones(1))[0] == 0)
     own = [event for event in truth.events if event.joint == guide]
-    for begin, end in stick_intervals(own, 0.0, truth.t_end, starts_at_rest):
-        if begin < full.t[0] or end > full.t[-1]:  # cut
-            begin, end = max(begin, float(full.t[0])), min(end, float(full.t[-1]))
-            if np.count_nonzero((full.t >= begin) & (full.t <= end)) < RESOLVED:
-                continue
-        inside = np.flatnonzero((full.t >= begin) & (full.t <= end))
+    for first, last in stick_intervals(own, 0.0, truth.t_end, starts_at_rest):
+        begin, end = max(first, float(t[0])), min(last, float(t[-1]))
+        inside = np.flatnonzero((t >= begin) & (t <= end))
+        if len(inside) < RESOLVED and (begin, end) != (first, last):  # cut
+            continue
         inner = inside[1:-1]
         verdict = UNRESOLVED if len(inside) < RESOLVED else FOUND if rests[inner].all() else MISSED
         fastest = float(np.max(np.abs(full[slip][inner]))) if slip in full and len(inner) else None
         yield dict(zip(PHASE, (guide, begin, end, end - begin, len(inside), verdict, fastest)))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rests & slips, [False]]).astype(int)))
-    for first, behind in edges.reshape(-1, 2):
+    wrong = np.concatenate([[False], rests & (true_speed > 2 * slow), [False]])
+    for first, behind in np.flatnonzero(np.diff(wrong.astype(int))).reshape(-1, 2):
         if behind - first >= RESOLVED:
-            begin, end = float(full.t[first]), float(full.t[behind - 1])
+            begin, end = float(t[first]), float(t[behind - 1])
             yield dict(zip(PHASE, (guide, begin, end, end - begin, int(behind - first), INVENTED)))
 
 
-def _jumps(record: Record, full: Trajectory, truth: Truth, effort: str) -> pd.DataFrame:
+def _jumps(full: Trajectory, truth: Truth, effort: str) -> pd.DataFrame:
     """Jumps of an effort within the table; ``readable`` are those that its samples, or its two sides, can show."""
+    record = Record("table", full.scene, Variant("table", "table", "dt", (_step(full),)), _step(full),
+                    Outcome("table", "ok", full))
     table = torque_table([record], {record.key: truth}, effort)
     if "event time [s]" not in table:
         return pd.DataFrame()
@@ -344,9 +319,9 @@ def _findings(scene: Scene, full: Trajectory, given: set[str]) -> Iterator[str]:
         for body in scene.bodies:
             for rate, second in zip(VELOCITIES, ACCELERATIONS):  # of which the check of velocities takes the size
                 columns.setdefault(f"{body}.{second}", np.gradient(columns[f"{body}.{rate}"], full.t))
-    settings = {} if full.events else {"dt": _step(full)}
-    run = Examined(replace(full, columns=columns, settings=settings), scene, float(full.t[-1]), None, _step(full),
-                   "joint", lambda _: bool(full.events), lambda _: True)
+    found = replace(full, columns=columns, settings={} if full.events else {"dt": _step(full)})
+    run = Examined(found, scene, float(full.t[-1]), None, _step(full), "joint",
+                   lambda _: bool(full.events), lambda _: True)
     for check, applies in checks.items():
         if applies and (finding := next(check(run), None)):
             yield finding

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,9 +11,8 @@ import pandas as pd
 from stiction.comparisons.measures.accuracy import TORQUE_ERROR, size_of, truth_graph
 from stiction.comparisons.measures.result_errors import COARSE
 from stiction.comparisons.measures.scene_truth import OWN_RTOL, OWN_RUN
-from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Number, Panel, Presentation, Series,
-                                               TableView, TracedText, count, scaled_value, sentence, traced, value,
-                                               view)
+from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Panel, Presentation, Series, TableView,
+                                               TracedText, count, scaled_value, sentence, traced, value, view)
 from stiction.comparisons.truth import NO_TRUTH
 from stiction.reference_impl.energies import needed_columns
 from stiction.scenes.wording import names
@@ -23,6 +22,8 @@ if TYPE_CHECKING:
 
 DRAWN, POINTS, LINES = 2000, 100, 6
 """Samples of a line in the figure, points of the table, and positions, those with the largest errors; at most."""
+FOUND, MISSED, UNRESOLVED, INVENTED = "found", "missed", "too short for the samples", "the truth slips"
+"""Verdicts on a stick phase."""
 NOTES = ("Errors are taken at the table's own instants: nothing between its rows is charged to it. A column that jumps "
          "(accelerations, forces, efforts) has the mean of |error| over time; a jump within a row's distance is part "
          "of its uncertainty. Angles are compared up to whole turns.",
@@ -31,10 +32,22 @@ NOTES = ("Errors are taken at the table's own instants: nothing between its rows
          "thousandth of the largest slip speed, or of mode 0.")
 
 
+SUMMED = (
+    ("Largest velocity error: {} m/s.", "velocity error [m/s]"),
+    ("Efforts of drives are off by {} N m or N in the mean.", TORQUE_ERROR),
+    ("Of its {} instants with two sides {} are true events.", "instants with two sides", "events matched"),
+    ("True events that it does not have: {}.", "events missed"),
+    ("Times of events are off by at most {} s.", "event time error [s]"))
+BALANCED = (
+    ("Constraints are violated by at most {} m; the drift is: {}.", "position drift, max [m]", "growth"),
+    ("Energy: {} J of the {} J exchanged are not accounted for.", "energy error [J]", "energy exchanged [J]"))
+"""Sentences, and the columns of the summary whose cells are in them."""
+
+
 def presentation(judged: Judgement) -> Presentation:
     """Say what a table of results is worth: errors, stick phases, jumps, drift, energy, and what samples can show."""
-    findings = [*_truth(judged), *_reading(judged), *_errors(judged), *_stick_phases(judged), *_jumps(judged),
-                *_balance(judged), *_coherence(judged), *_not_judged(judged)]
+    findings = [*_truth(judged), *_reading(judged), *_summed(judged, SUMMED), *_stick_phases(judged), *_jumps(judged),
+                *_summed(judged, BALANCED), *_not_judged(judged)]
     return Presentation(_answer(judged), tuple(filter(None, findings)), (), tuple(_tables(judged)),
                         tuple(_figures(judged)), NOTES)
 
@@ -45,14 +58,14 @@ def _answer(judged: Judgement) -> TracedText:
         return TracedText(f"There is no truth of {judged.scene.name}: its columns are held against each other alone.")
     if table.empty:
         return TracedText("The truth has none of the table's columns: they are held against each other alone.")
-    scale = {"m": 1.0, "rad": size_of(judged.scene)}
-    known = table["unit"].isin(list(scale))
-    worst = (table["error"] * table["unit"].map(scale) if known.any() else table["error"] / table["size"]).idxmax()
-    row = table.loc[worst]
-    kind, misread = "position " if known.any() else "", list(table.loc[table["is input"], "column"])
-    return traced("Largest {}error: {} {}, {}{}; truth: {}.{}", kind, value("errors", table, worst, "error"),
-                  row["unit"], row["column"], "" if pd.isna(row["at t [s]"]) else f" at t = {row['at t [s]']:.6g} s",
-                  row["tier"], f" Other units, signs or origins: {', '.join(misread)}?" if misread else "")
+    sizes = table["error"] * table["unit"].map({"m": 1.0, "rad": size_of(judged.scene)})
+    known = sizes.notna().any()
+    worst = (sizes if known else table["error"] / table["size"]).idxmax()
+    row, misread = table.loc[worst], list(table.loc[table["is input"], "column"])
+    return traced("Largest {}error: {} {}, {}{}; truth: {}.{}", "position " if known else "",
+                  value("errors", table, worst, "error"), row["unit"], row["column"],
+                  "" if pd.isna(row["at t [s]"]) else f" at t = {row['at t [s]']:.6g} s", row["tier"],
+                  f" Other units, signs or origins: {', '.join(misread)}?" if misread else "")
 
 
 def _truth(judged: Judgement) -> Iterator[TracedText]:
@@ -69,43 +82,32 @@ def _truth(judged: Judgement) -> Iterator[TracedText]:
 
 
 def _reading(judged: Judgement) -> Iterator[TracedText]:
-    """Causes that explain errors, and the end of a table that stops early."""
-    for cause, columns in judged.hints.items():
-        others = _fitting(judged, columns) if "--units" in cause else []
-        kept = f" {', '.join(others)}: right as they are; convert the others alone." if others else ""
-        yield TracedText(f"{', '.join(columns)}: {cause}" + "." * (not cause.endswith("?")) + kept)
-    if not judged.is_complete:
-        yield traced("The table goes from {} s to {} s, the scene from 0 to {} s.", _of(judged, "begins at [s]"),
-                     _of(judged, "ends at [s]"), _of(judged, "t_end [s]"))
-
-
-def _fitting(judged: Judgement, columns: Sequence[str]) -> list[str]:
-    """Columns that are right as they are, and whose units `--units` would change with those of the given ones."""
+    """Causes that explain errors, columns that are right beside them, and the end of a table that stops early."""
     table = judged.tables["errors"]
     kinds = table["unit"].map(lambda unit: unit.partition("/")[0])
     right = (table["hint"] == "") & (table["error"] <= COARSE * table["size"])
-    return list(table.loc[right & kinds.isin(set(kinds[table["column"].isin(columns)])), "column"])
+    for cause, columns in judged.hints.items():
+        # --units would change the units of these too
+        others = list(table.loc[right & kinds.isin(set(kinds[table["column"].isin(columns)])), "column"])
+        kept = (f" {', '.join(others)}: right as they are; convert the others alone."
+                if others and "--units" in cause else "")
+        yield TracedText(f"{', '.join(columns)}: {cause}" + "." * (not cause.endswith("?")) + kept)
+    if not judged.is_complete:
+        yield from _summed(judged, [("The table goes from {} s to {} s, the scene from 0 to {} s.", "begins at [s]",
+                                     "ends at [s]", "t_end [s]")])
 
 
-def _of(judged: Judgement, column: str) -> Number | str:
-    """A cell of the summary; empty where there is none."""
+def _summed(judged: Judgement, sentences: Iterable[Sequence[str]]) -> Iterator[TracedText]:
+    """Sentences whose cells the summary has."""
     table = judged.tables["summary"]
-    return value("summary", table, 0, column) if column in table and pd.notna(table.at[0, column]) else ""
-
-
-def _errors(judged: Judgement) -> Iterator[TracedText]:
-    yield sentence("Largest velocity error: {} m/s.", _of(judged, "velocity error [m/s]"))
-    yield sentence("Efforts of drives are off by {} N m or N in the mean.", _of(judged, TORQUE_ERROR))
-    yield sentence("Of its {} instants with two sides {} are true events.", _of(judged, "instants with two sides"),
-                   _of(judged, "events matched"))
-    if judged.is_complete:  # else those outside of it are among them
-        yield sentence("True events that it does not have: {}.", _of(judged, "events missed"))
-    yield sentence("Times of events are off by at most {} s.", _of(judged, "event time error [s]"))
+    for template, *columns in sentences:
+        if judged.is_complete or columns != ["events missed"]:  # else those outside of it are among them
+            yield sentence(template, *(
+                value("summary", table, 0, column) if column in table and pd.notna(table.at[0, column]) else ""
+                for column in columns))
 
 
 def _stick_phases(judged: Judgement) -> Iterator[TracedText]:
-    from stiction.comparisons.judgement import FOUND, INVENTED, MISSED, UNRESOLVED
-
     table, name = judged.tables["stick-phases"], "stick-phases"
     if table.empty:
         return
@@ -125,35 +127,23 @@ def _stick_phases(judged: Judgement) -> Iterator[TracedText]:
 
 def _jumps(judged: Judgement) -> Iterator[TracedText]:
     table = judged.tables["jumps"]
-    for effort, rows in table.groupby("effort", sort=False) if len(table) else ():
-        n = count("jumps", table, effort=effort)
-        read = rows[rows["resolved"].astype(bool)]
-        worst = "" if read.empty else traced(", at most {} N m off", value(
-            "jumps", table, read["jump error [N m]"].abs().idxmax(), "jump error [N m]", "", "jump uncertainty [N m]"))
+    for effort, rows in table.groupby("effort", sort=False):
+        is_read = rows["resolved"].astype(bool)
+        worst = traced(", at most {} N m off", value(
+            "jumps", table, rows[is_read]["jump error [N m]"].abs().idxmax(), "jump error [N m]", "",
+            "jump uncertainty [N m]")) if is_read.any() else ""
         yield traced("Jumps of {}: {} of {} read{}.", str(effort), count("jumps", table, effort=effort, resolved=True),
-                     n, worst)
-        if (~rows["readable"] & ~rows["resolved"].astype(bool)).any():
+                     count("jumps", table, effort=effort), worst)
+        if (~rows["readable"].astype(bool) & ~is_read).any():
             yield traced("Jumps of it too close to another event for the samples: {}.",
                          count("jumps", table, effort=effort, readable=False, resolved=False))
 
 
-def _balance(judged: Judgement) -> Iterator[TracedText]:
-    growth = judged.tables["summary"].get("growth", pd.Series([""]))[0]
-    yield sentence("Constraints are violated by at most {} m; the drift is: {}.",
-                   _of(judged, "position drift, max [m]"), str(growth))
-    yield sentence("Energy: {} J of the {} J exchanged are not accounted for.", _of(judged, "energy error [J]"),
-                   _of(judged, "energy exchanged [J]"))
-
-
-def _coherence(judged: Judgement) -> Iterator[TracedText]:
-    """Faults that the gate finds."""
-    table = judged.tables["findings"]
-    for row in table.index:
-        yield traced("Its columns do not fit: {}.", value("findings", table, row, "finding"))
-
-
 def _not_judged(judged: Judgement) -> Iterator[TracedText]:
-    """Columns that are not looked at, and questions that the table has no columns for."""
+    """Faults that the gate finds, columns that are not looked at, questions that the table has no columns for."""
+    faults = judged.tables["findings"]
+    for row in faults.index:
+        yield traced("Its columns do not fit: {}.", value("findings", faults, row, "finding"))
     scene, run = judged.scene, judged.trajectory
     slips = any(f"{guide}.{label}" in run for guide in scene.frictional_guides for label in ("slip_velocity", "mode"))
     efforts = any(f"{drive}.effort" in run for drive in scene.drives)
@@ -161,58 +151,61 @@ def _not_judged(judged: Judgement) -> Iterator[TracedText]:
                scene.frictional_guides and not slips,
                "jumps (efforts of drives)": scene.frictional_guides and scene.drives and not efforts,
                "constraint drift (positions of all bodies)": "drift.position" not in run,
-               f"energy ({names([name for name in needed_columns(scene) if name not in judged.table])})":
+               f"energy ({names([name for name in needed_columns(scene) if name not in judged.table.columns])})":
                "energy error [J]" not in judged.tables["summary"]}
-    if asked := [question for question, is_wanting in wanting.items() if is_wanting]:
-        yield TracedText(f"Not judged, for want of columns: {'; '.join(asked)}.")
-    known = set(judged.tables["errors"].get("column", ()))
-    if judged.truth.tier != NO_TRUTH and (unknown := [
-            name for name in judged.table.columns if name not in known and not name.endswith(".mode")
-            and not name.startswith("drift.")]):
-        yield TracedText(f"The truth does not have {names(unknown)}.")
-    if judged.table.left_out:
-        yield TracedText(f"Columns that are none of the scene's: {names(judged.table.left_out)}.")
+    known = set(judged.tables["errors"]["column"])
+    unknown = [name for name in judged.table.columns if judged.truth.tier != NO_TRUTH and name not in known
+               and not name.endswith(".mode") and not name.startswith("drift.")]
+    for template, which in (
+            ("Not judged, for want of columns: {}.", "; ".join(what for what, lacks in wanting.items() if lacks)),
+            ("The truth does not have {}.", names(unknown)),
+            ("Columns that are none of the scene's: {}.", names(judged.table.left_out))):
+        yield sentence(template, which)
 
 
 def _tables(judged: Judgement) -> Iterator[TableView]:
     errors = judged.tables["errors"]
-    if len(errors):
-        columns = (Column("column"), Column("error"), Column("unit"), Column("measure"), Column("at t [s]", form=".6g"),
-                   Column("size", form=".3g"), Column("tier"), Column("hint"))
-        shown = errors.assign(error=[str(value("errors", errors, i, "error").text) if pd.notna(errors.at[i, "error"])
-                                     else "" for i in errors.index])
-        kinds = errors.dropna(subset="error").groupby("unit", sort=False)["error"].idxmax()
-        yield view("worst", "Of each kind of column that with the largest error.", shown.loc[kinds], columns,
-                   source="errors", in_report=False)
-        yield view("errors", "Errors of all columns.", shown, columns)
-    if len(phases := judged.tables["stick-phases"]):
-        yield view("stick-phases", "Stick phases.", phases,
-                   (Column("guide"), Column("begin [s]", form=".6f"), Column("end [s]", form=".6f"),
-                    Column("duration [s]", form=".3g"), Column("samples"), Column("verdict"),
-                    Column("fastest slip [m/s]", form=".2g")))
-    if len(jumps := judged.tables["jumps"]):
-        yield view("jumps", "Jumps of efforts at the events of the truth.", jumps,
-                   (Column("effort"), Column("event time [s]", form=".6f"), Column("kind"),
-                    Column("jump, truth [N m]", form=".4g"), Column("jump [N m]", form=".4g"),
-                    Column("jump error [N m]", uncertainty="jump uncertainty [N m]"),
-                    Column("time error [s]", form=".2g"), Column("resolved", "read"), Column("readable")))
+    columns = (Column("column"), Column("error"), Column("unit"), Column("measure"), Column("at t [s]", form=".6g"),
+               Column("size", form=".3g"), Column("tier"), Column("hint"))
+    shown = errors.assign(error=[value("errors", errors, i, "error").text if pd.notna(errors.at[i, "error"]) else ""
+                                 for i in errors.index])
+    kinds = errors.dropna(subset="error").groupby("unit", sort=False)["error"].idxmax()
+    views = (
+        view("worst", "Of each kind of column that with the largest error.", shown.loc[kinds], columns,
+             source="errors", in_report=False),
+        view("errors", "Errors of all columns.", shown, columns),
+        view("stick-phases", "Stick phases.", judged.tables["stick-phases"],
+             (Column("guide"), Column("begin [s]", form=".6f"), Column("end [s]", form=".6f"),
+              Column("duration [s]", form=".3g"), Column("samples"), Column("verdict"),
+              Column("fastest slip [m/s]", form=".2g"))),
+        view("jumps", "Jumps of efforts at the events of the truth.", judged.tables["jumps"],
+             (Column("effort"), Column("event time [s]", form=".6f"), Column("kind"),
+              Column("jump, truth [N m]", form=".4g"), Column("jump [N m]", form=".4g"),
+              Column("jump error [N m]", uncertainty="jump uncertainty [N m]"), Column("time error [s]", form=".2g"),
+              Column("resolved", "read"), Column("readable"))))
+    yield from (one for one in views if len(one.frame))
 
 
 def _figures(judged: Judgement) -> Iterator[Chart]:
-    from stiction.comparisons.judgement import INVENTED
-
     if judged.truth.tier == NO_TRUTH:
         return
-    run, panels = judged.trajectory, list(_differences(judged))
+    run, known, panels = judged.trajectory, judged.truth(judged.trajectory.t), []
+    table = judged.tables["errors"]
+    differences = []
+    for name in table[table["unit"] == "m"].nlargest(LINES, "error")["column"]:
+        off = np.abs(run[name] - known[name])
+        parts = np.array_split(np.arange(len(off)), min(DRAWN, len(off)))
+        top = np.array([part[np.argmax(off[part])] for part in parts])
+        top = top[off[top] > 0]  # a logarithmic axis has no zero
+        differences.append(Series(name, run.t[top], off[top], look=name))
+    if any(len(one.x) for one in differences):
+        panels.append(Panel("positions", Axis("time [s]"), Axis("difference [m]", log=True), differences))
     phases = judged.tables["stick-phases"]
-    true = phases[phases["verdict"] != INVENTED] if len(phases) else phases
-    shades = list(zip(true["begin [s]"], true["end [s]"])) if len(true) else []
-    t = np.linspace(run.t[0], run.t[-1], DRAWN)
-    known = judged.truth(run.t)
+    true = phases[phases["verdict"] != INVENTED]
+    shades = list(zip(true["begin [s]"], true["end [s]"]))
+    t, every = np.linspace(run.t[0], run.t[-1], DRAWN), slice(None, None, -(-len(run.t) // POINTS))
     drawn = [(f"{guide}.slip_velocity", "slip velocity [m/s]") for guide in judged.scene.frictional_guides]
-    drawn += [(f"{drive}.effort", "effort [N m or N]") for drive in judged.scene.drives]
-    every = slice(None, None, -(-len(run.t) // POINTS))
-    for name, label in drawn:
+    for name, label in drawn + [(f"{drive}.effort", "effort [N m or N]") for drive in judged.scene.drives]:
         if name in known and name in run:
             exact = truth_graph(judged.truth, name, t)
             panels.append(Panel(name, Axis("time [s]"), Axis(label), [
@@ -222,18 +215,3 @@ def _figures(judged: Judgement) -> Iterator[Chart]:
     if panels:
         yield Chart("judgement", "Difference of positions from the truth, and columns of the table with the truth; "
                     "grey: true stick phases.", panels, 1, share_x=True)
-
-
-def _differences(judged: Judgement) -> Iterator[Panel]:
-    table, run = judged.tables["errors"], judged.trajectory
-    worst = list(table[table["unit"] == "m"].nlargest(LINES, "error")["column"]) if len(table) else []
-    exact = judged.truth(run.t)
-    series = []
-    for name in worst:
-        off = np.abs(run[name] - exact[name])
-        parts = np.array_split(np.arange(len(off)), min(DRAWN, len(off)))
-        top = np.array([part[np.argmax(off[part])] for part in parts])
-        top = top[off[top] > 0]  # a logarithmic axis has no zero
-        series.append(Series(name, run.t[top], off[top], look=name))
-    if any(len(one.x) for one in series):
-        yield Panel("positions", Axis("time [s]"), Axis("difference [m]", log=True), series)

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from pyarrow import csv
-from scipy.interpolate import CubicSpline, PPoly
+from scipy.interpolate import BPoly, CubicSpline, PPoly
 
 from stiction.comparisons.proof.truth import certificate_of
 from stiction.comparisons.truth import Truth
-from stiction.comparisons.truth.truth import Columns
-from stiction.scenes import Event, FileError, Problem, Scene, catalogue, scene_to_toml
+from stiction.comparisons.truth.truth import SIDES, Columns
+from stiction.scenes import Event, FileError, Problem, Scene, Trajectory, catalogue, scene_to_toml
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.resolved import load_resolved, resolved_text
 from stiction.scenes.trajectory import events_frame
@@ -48,16 +48,15 @@ class TruthFolderError(FileError):
 def write_truth(scene: Scene, truth: Truth, folder: Path) -> dict[str, Any]:
     """Write a truth to a folder that is there and empty; return what `ABOUT` holds."""
     frame = motion_frame(truth)
-    interpolated = Truth(scene.name, truth.tier, truth.t_end, columns_of_frame(frame), {})
     t = frame["t"].to_numpy()
     between = np.unique(np.concatenate([t[:-1] + share * np.diff(t) for share in SHARES]))
-    true, found = truth(between), interpolated(between)
-    off = {name: SAFETY * float(np.max(np.abs(true[name] - found[name]))) for name in true if name in frame}
+    true, found = truth(between), columns_of_frame(frame)(between, "after")
     about = {"format": FORMAT, "version": VERSION, "scene": scene.name, "title": scene.title, "source": scene.source,
              "t_end [s]": truth.t_end, "tier": truth.tier, "tier of forces": truth.effort_tier, "note": truth.note,
              "guides": sorted(truth.guides or ()), "events": len(truth.events),
              "uncertainty": {name: float(value) for name, value in truth.uncertainty.items()},
-             "uncertainty between rows": off}
+             "uncertainty between rows": {name: SAFETY * float(np.max(np.abs(true[name] - found[name])))
+                                          for name in true if name in frame}}
     (folder / SCENE).write_text(resolved_text(scene), encoding="utf-8")
     (folder / "scene.toml").write_text(scene_to_toml(scene), encoding="utf-8")
     scene.draw().write(folder / "scene.svg")
@@ -84,24 +83,28 @@ def read_truth(folder: Path) -> tuple[Scene, Truth]:
     TruthFolderError
         For a folder of another kind or version, and where a file is not the one that was written.
     """
-    origin = str(folder)
+    text = (folder / SUMS).read_text(encoding="utf-8", errors="replace") if (folder / SUMS).is_file() else ""
+    listed = dict(line.partition("  ")[::-2] for line in text.splitlines())
+    about: dict[str, Any] = {}
     if not (folder / ABOUT).is_file():
         inside = sorted(path.parent.relative_to(folder).as_posix() for path in folder.glob(f"**/{ABOUT}"))
-        raise TruthFolderError(origin, [Problem(ABOUT, "no such file", "expected the folder of a scene"
-                                                + (f", such as {folder / inside[0]}" if inside else ""))])
-    _check_sums(folder)
-    about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-    wrong = [Problem(key, shown(about.get(key)), f"expected {shown(value)}")
-             for key, value in (("format", FORMAT), ("version", VERSION)) if about.get(key) != value]
+        wrong = [Problem(ABOUT, "no such file", "expected the folder of a scene"
+                         + (f", such as {folder / inside[0]}" if inside else ""))]
+    elif not (wrong := [Problem(name, "another file, or none", f"expected the one with the SHA-256 in {SUMS}")
+                        for name in (ABOUT, SCENE, MOTION, EVENTS)
+                        if not (folder / name).is_file() or listed.get(name) != _sum(folder / name)]):
+        about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
+        wrong = [Problem(key, shown(about.get(key)), f"expected {shown(value)}")
+                 for key, value in (("format", FORMAT), ("version", VERSION)) if about.get(key) != value]
     if wrong:
-        raise TruthFolderError(origin, wrong)
+        raise TruthFolderError(str(folder), wrong)
     scene = load_resolved((folder / SCENE).read_text(encoding="utf-8"), str(folder / SCENE))
-    columns = columns_of_frame(pd.read_parquet(folder / MOTION))
     uncertainty = {name: value + about["uncertainty between rows"].get(name, 0.0)
                    for name, value in about["uncertainty"].items()}
     events = tuple(_events(csv.read_csv(folder / EVENTS).to_pylist())) if about["events"] else ()
-    return scene, Truth(scene.name, about["tier"], about["t_end [s]"], columns, uncertainty, events, None,
-                        about["note"], about["tier of forces"] if about["tier of forces"] != about["tier"] else "",
+    return scene, Truth(scene.name, about["tier"], about["t_end [s]"],
+                        columns_of_frame(pd.read_parquet(folder / MOTION)), uncertainty, events, None, about["note"],
+                        about["tier of forces"] if about["tier of forces"] != about["tier"] else "",
                         frozenset(about["guides"]))
 
 
@@ -137,11 +140,34 @@ def columns_of_frame(frame: pd.DataFrame) -> Columns:
     return columns
 
 
-def _curves(piece: pd.DataFrame) -> dict[str, PPoly]:
+def two_sided_frame(run: Trajectory) -> pd.DataFrame:
+    """Return `Trajectory.to_frame` with both sides of events.
+
+    At an event of one independent part, the columns of others are interpolated between their own rows.
+    """
+    names = [name for name, values in run.columns.items() if np.isfinite(values).all()]
+    sides = pd.DataFrame([{"t": event.time, **side} for event in run.events for side in (event.before, event.after)],
+                         columns=["t", *run.columns])
+    groups: dict[tuple[bool, ...], list[str]] = {}
+    for name in names:
+        groups.setdefault(tuple(name in event.before for event in run.events), []).append(name)
+    for has, own in groups.items():
+        rows, lacks = sides.loc[np.repeat(has, 2), ["t", *own]], ~np.repeat(np.array(has, dtype=bool), 2)
+        if lacks.any():
+            known = pd.concat([run.to_frame()[["t", *own]], rows]).sort_values("t", kind="stable", ignore_index=True)
+            first = {time: row for row, time in reversed(list(rows["t"].items()))}
+            t, columns = sides["t"].to_numpy()[lacks], columns_of_frame(known)
+            passed = [first.get(time, len(sides)) < row for row, time in zip(np.flatnonzero(lacks), t)]
+            before, after = (columns(t, side) for side in SIDES)
+            sides.loc[lacks, own] = np.array([np.where(passed, after[name], before[name]) for name in own]).T
+    return pd.concat([run.to_frame(), sides]).sort_values("t", kind="stable", ignore_index=True)
+
+
+def _curves(piece: pd.DataFrame) -> dict[str, PPoly | BPoly]:
     """A function of time for each column of a smooth piece."""
     t = piece["t"].to_numpy()
     values = {str(name): column.to_numpy(float) for name, column in piece.items() if name != "t"}
-    curves: dict[str, PPoly] = {
+    curves: dict[str, PPoly | BPoly] = {
         name: PPoly(column[:1, None], t[[0, -1]]) if name.endswith(".mode") else CubicSpline(t, column)
         for name, column in values.items()}
     rates = {**dict(zip(*BODY_COLUMNS[:2])), "displacement": "slip_velocity"}
@@ -149,18 +175,9 @@ def _curves(piece: pd.DataFrame) -> dict[str, PPoly]:
         owner, _, label = name.rpartition(".")
         if (rate := f"{owner}.{rates.get(label)}") in values:
             second = values.get(f"{owner}.{SECOND.get(label)}", curves[rate](t, 1))
-            curves[name] = _hermite(t, position, values[rate], second)
+            curves[name] = BPoly.from_derivatives(t, np.stack([position, values[rate], second], axis=1))
             curves[rate] = curves[name].derivative()
     return curves
-
-
-def _hermite(t: np.ndarray, x: np.ndarray, v: np.ndarray, a: np.ndarray) -> PPoly:
-    """Polynomials of degree five between instants that have value, rate and second derivative there, all (n,)."""
-    h = np.diff(t)
-    d, e, f = (x[1:] - x[:-1] - h * (v[:-1] + h * a[:-1] / 2)) / h ** 3, (v[1:] - v[:-1] - h * a[:-1]) / h ** 2, (
-        a[1:] - a[:-1]) / h
-    return PPoly(np.array([(6 * d - 3 * e + f / 2) / h ** 2, (-15 * d + 7 * e - f) / h, 10 * d - 4 * e + f / 2,
-                           a[:-1] / 2, v[:-1], x[:-1]]), t)
 
 
 def _events(rows: Iterable[Mapping[str, Any]]) -> Iterator[Event]:
@@ -175,17 +192,6 @@ def write_sums(folder: Path) -> None:
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path != folder / SUMS)
     lines = [f"{_sum(path)}  {path.relative_to(folder).as_posix()}\n" for path in files]
     (folder / SUMS).write_text("".join(lines), encoding="utf-8")
-
-
-def _check_sums(folder: Path) -> None:
-    """Raise TruthFolderError where a file is missing or another."""
-    text = (folder / SUMS).read_text(encoding="utf-8", errors="replace") if (folder / SUMS).is_file() else ""
-    listed = dict(line.partition("  ")[::-2] for line in text.splitlines())
-    problems = [Problem(name, "another file, or none", f"expected the one with the SHA-256 in {SUMS}")
-                for name in (ABOUT, SCENE, MOTION, EVENTS)
-                if not (folder / name).is_file() or listed.get(name) != _sum(folder / name)]
-    if problems:
-        raise TruthFolderError(str(folder), problems)
 
 
 def _sum(path: Path) -> str:

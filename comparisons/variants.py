@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 
 from stiction.engines.isolation import Job, Outcome
 from stiction.engines.protocol import EVENTS_LOCATED_BY
-from stiction.engines.registry import EngineMissing, load_engine
+from stiction.engines.registry import EngineMissing, label_of, load_engine
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.laws import Linear, Sine
 from stiction.scenes.model import LinearSpring
@@ -106,7 +106,7 @@ class Record:
         """Return the columns that every table begins with."""
         trajectory = self.trajectory
         early = trajectory.termination if trajectory and trajectory.termination != "end" else ""
-        return {"scene": self.scene, "variant": self.variant.label, "engine": self.variant.engine,
+        return {"scene": self.scene, "variant": self.variant.label, "engine": label_of(self.variant.engine),
                 "version": trajectory.version if trajectory else None, "fidelity": self.variant.fidelity,
                 FRICTION_BY: supplier(str(trajectory.settings.get("friction_law", ""))) if trajectory else None,
                 EVENTS_BY: trajectory.settings.get(EVENTS_LOCATED_BY) if trajectory else None,

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from stiction.engines.examined import POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, first
+from stiction.engines.examined import MODES, POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, first
 from stiction.reference_impl.multibody.initial_state import CONSISTENT
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL
@@ -42,9 +42,6 @@ FIRST_STEPS = 20
 """Steps of fixed size in which friction is not judged. The first has no step before whose reactions its bound could
 have, and up to 16 (Drake's, of mechanisms with loops) settle, whose samples have the friction of the one behind
 them."""
-MODES = {"slip": lambda old, new: old == 0 != new, "stick": lambda old, new: old != 0 == new,
-         "reversal": lambda old, new: old == -new != 0, "corner": lambda old, new: old == new != 0}
-"""Change of the contact mode of a guide at an event, by its kind."""
 
 
 def start(run: Examined) -> Iterator[str]:

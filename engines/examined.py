@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -22,6 +22,19 @@ ROUNDING = 1e-9
 """Accuracy of times, relative to the end of the run: sums of 1e6 steps are off by 1e6 eps = 2e-10."""
 OWN_STEP = 0.01
 """Part of a run up to which a step that the engine has chosen itself excuses an end that was not requested."""
+
+MODES = {"slip": lambda old, new: old == 0 != new, "stick": lambda old, new: old != 0 == new,
+         "reversal": lambda old, new: old == -new != 0, "corner": lambda old, new: old == new != 0}
+"""Change of the contact mode of a guide at an event, by its kind."""
+
+
+def changed_modes(guides: Iterable[str], before: Mapping[str, float],
+                  after: Mapping[str, float]) -> Iterator[tuple[str, str]]:
+    """Yield kind and guide of each event by which the modes before an instant become those after it."""
+    for guide in guides:
+        old, new = before.get(f"{guide}.mode", 0.0), after.get(f"{guide}.mode", 0.0)
+        if old != new:
+            yield from ((kind, guide) for kind, fits in MODES.items() if fits(old, new))
 
 
 @dataclass(frozen=True)

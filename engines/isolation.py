@@ -14,6 +14,7 @@ import math
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
 import sys
 import tempfile
@@ -228,10 +229,11 @@ class _Child:
     def __init__(self, folder: Path):
         context = child_context()
         self.connection, far_end = context.Pipe()
-        descriptor, path = tempfile.mkstemp(dir=folder, suffix=".log")
-        os.close(descriptor)
-        self._log = Path(path)
-        self._process = context.Process(target=_serve, args=(far_end, path), name="stiction-child", daemon=True)
+        self._folder = Path(tempfile.mkdtemp(dir=folder))
+        self._log = self._folder / "printed.log"
+        self._log.touch()
+        self._process = context.Process(target=_serve, args=(far_end, self._folder, self._log), name="stiction-child",
+                                        daemon=True)
         with one_thread():
             self._process.start()
         far_end.close()
@@ -280,6 +282,7 @@ class _Child:
         code = self._process.exitcode
         self.kill()
         log = self.log()
+        shutil.rmtree(self._folder, ignore_errors=True)
         if timed_out:
             status, reason = "timed out", f"no result within {self.deadline - self._started:g} s"
         else:
@@ -318,12 +321,16 @@ def _read(message: bytes) -> dict[str, Any]:
         return fields | {"status": "failed", "reason": _words(error, "result cannot be unpickled: ")}
 
 
-def _serve(connection: Connection, log: str) -> None:
-    """The life of a child: say that it is ready, then answer call by call, all output going to the log."""
+def _serve(connection: Connection, folder: Path, log: Path) -> None:
+    """The life of a child: say that it is ready, then answer call by call, all output going to the log.
+
+    Its temporary files lie in the folder, which whoever ends it removes.
+    """
+    tempfile.tempdir = str(folder)
     for number in (signal.SIGINT, signal.SIGTERM):
         # what ends all processes of a command at once reaches the parent, which then kills
         signal.signal(number, signal.SIG_IGN)
-    threading.Thread(target=_leave_with_parent, daemon=True).start()
+    threading.Thread(target=_leave_with_parent, args=(folder.parent,), daemon=True).start()
     descriptor = os.open(log, os.O_WRONLY | os.O_APPEND)
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
@@ -337,7 +344,7 @@ def _serve(connection: Connection, log: str) -> None:
         try:
             call = connection.recv_bytes()
         except EOFError:
-            return
+            _leave_with_parent(folder.parent)
         connection.send_bytes(_answer(call))
 
 
@@ -352,9 +359,10 @@ class _Notes(logging.Handler):
         self._connection.send_bytes(_NOTE + record.getMessage().encode())
 
 
-def _leave_with_parent() -> None:
+def _leave_with_parent(folder: Path) -> None:
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
+    shutil.rmtree(folder, ignore_errors=True)
     os._exit(1)
 
 

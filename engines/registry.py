@@ -36,9 +36,7 @@ _PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mu
              "dart": "dartpy", ".fmu": "fmpy"}
 """Of the suite's engines that are not its own, and of files, as pip knows them."""
 _OWN_PACKAGE = "stiction"
-PROGRAM = ".toml"
-"""Ending of the names of engines that are programs, `stiction.engines.program`."""
-FILES = {PROGRAM: "stiction.engines.program.engine:ProgramEngine", ".fmu": "stiction.engines.fmu.engine:FmuEngine"}
+FILES = {".toml": "stiction.engines.program.engine:ProgramEngine", ".fmu": "stiction.engines.fmu.engine:FmuEngine"}
 """Addresses of the engines that are files by the ending of their names; the classes take the absolute path."""
 
 
@@ -150,7 +148,11 @@ def load_engine(name: str) -> Engine:
 def _of_file(path: Path) -> Engine:
     module, _, attribute = FILES[path.suffix].partition(":")
     try:
-        return getattr(import_module(module), attribute)(path)
+        engine = getattr(import_module(module), attribute)(path)
+        if engine.name in BUILT_IN:
+            raise InputError(f"{path}: found the name {engine.name!r}; expected another name: an engine of the suite "
+                             "has it")
+        return engine
     except ImportError as error:
         if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
             raise

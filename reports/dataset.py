@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from importlib import resources
-from importlib.metadata import Distribution, distribution
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +19,11 @@ from stiction.comparisons.truth import NO_TRUTH
 from stiction.comparisons.truth_folder import VERSION, write_sums, write_truth
 from stiction.reports.markdown.tables import aligned
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
-from stiction.scenes import catalogue, load_scene
+from stiction.scenes import load_scene
 from stiction.scenes.columns import COLUMNS
 
 MAIN = "README.md"
 """The file by which a folder is known as a data set; one of an earlier call is replaced."""
-
-
-def scene_names() -> list[str]:
-    """Names of all scenes of the catalogue; which of them have a truth is known when it is sought."""
-    return [*catalogue(), *catalogue("hard")]
 
 
 def write_dataset(folder: Path, names: Iterable[str],
@@ -43,55 +38,45 @@ def write_dataset(folder: Path, names: Iterable[str],
         For a folder with anything but an earlier data set.
     """
     with run_folder(folder, MAIN) as partial:
-        index = pd.DataFrame(list(_write_scenes(partial, names, on_scene)))
+        index = pd.DataFrame([row for name in names for row in _write_scene(partial, name, on_scene)])
         about = distribution("stiction")
-        source, licence = source_digest()[:12], about.metadata["License-Expression"]
-        words = {"version": about.version, "format": VERSION, "source": source, "licence": licence}
+        words = {"version": about.version, "format": VERSION, "source": source_digest()[:12],
+                 "licence": about.metadata["License-Expression"]}
         index.to_csv(partial / "index.csv", index=False)
-        readme = _text("dataset_readme.md").format(**words, columns=_columns(), scenes=_scenes(index))
-        (partial / MAIN).write_text(readme, encoding="utf-8")
-        (partial / "LICENSE").write_text(_licence(about), encoding="utf-8")
-        (partial / "CITATION.cff").write_text(_text("dataset_citation.cff").format(**words), encoding="utf-8")
+        columns = [(", ".join(f"`{column.owner}.{name}`" for name in column.names), column.unit, column.meaning)
+                   for column in COLUMNS if column.owner != "drift"]
+        scenes = [(row["scene"], row["what"], f"{row['t_end [s]']:g}", row["tier"], str(row["events"]),
+                   f"{row['position uncertainty [m]']:.1g}") for row in index.to_dict("records")]
+        # of an installation in its metadata, of a checkout a file beside the packages
+        licence = about.read_text("licenses/LICENSE") or (Path(__file__).parent.parent / "LICENSE").read_text("utf-8")
+        for name, text in {
+                MAIN: _text("dataset_readme.md").format(
+                    **words, columns=aligned(("column", "unit", "what"), columns, [False] * 3),
+                    scenes=aligned(("folder", "what", "t_end [s]", "tier", "events", "positions known to [m]"), scenes,
+                                   [False, False, True, False, True, True])),
+                "LICENSE": licence, "CITATION.cff": _text("dataset_citation.cff").format(**words)}.items():
+            (partial / name).write_text(text, encoding="utf-8")
         write_sums(partial)
         write_provenance(partial, words)
     return index
-
-
-def _licence(about: Distribution) -> str:
-    """Text of the licence: of an installation in its metadata, of a checkout a file beside the packages."""
-    return about.read_text("licenses/LICENSE") or (Path(__file__).parent.parent / "LICENSE").read_text("utf-8")
-
-
-def _write_scenes(folder: Path, names: Iterable[str], on_scene: Callable[[str], None]) -> Iterator[dict[str, Any]]:
-    for name in names:
-        scene = load_scene(name)
-        truth = ground_truth(scene)
-        if truth.tier not in (OWN_RUN, NO_TRUTH):
-            place = folder / name
-            place.mkdir(parents=True)
-            about = write_truth(scene, truth, place)
-            positions = [value + about["uncertainty between rows"].get(column, 0.0)
-                         for column, value in about["uncertainty"].items() if column.endswith((".x", ".y"))]
-            yield {"scene": name, "what": scene.title, "t_end [s]": truth.t_end, "tier": truth.tier,
-                   "tier of forces": truth.effort_tier, "events": len(truth.events),
-                   "position uncertainty [m]": max(positions),
-                   "event time uncertainty [s]": truth.uncertainty.get("event time"),
-                   "certificate": (place / "certificate.json.gz").is_file()}
-        on_scene(name)
 
 
 def _text(name: str) -> str:
     return (resources.files("stiction.reports") / name).read_text(encoding="utf-8")
 
 
-def _columns() -> str:
-    rows = [(", ".join(f"`{column.owner}.{name}`" for name in column.names), column.unit, column.meaning)
-            for column in COLUMNS if column.owner != "drift"]
-    return aligned(("column", "unit", "what"), rows, [False] * 3)
-
-
-def _scenes(index: pd.DataFrame) -> str:
-    rows = [(row["scene"], row["what"], f"{row['t_end [s]']:g}", row["tier"], str(row["events"]),
-             f"{row['position uncertainty [m]']:.1g}") for row in index.to_dict("records")]
-    return aligned(("folder", "what", "t_end [s]", "tier", "events", "positions known to [m]"), rows,
-                   [False, False, True, False, True, True])
+def _write_scene(folder: Path, name: str, on_scene: Callable[[str], None]) -> Iterator[dict[str, Any]]:
+    scene = load_scene(name)
+    truth = ground_truth(scene)
+    if truth.tier not in (OWN_RUN, NO_TRUTH):
+        place = folder / name
+        place.mkdir(parents=True)
+        about = write_truth(scene, truth, place)
+        positions = [value + about["uncertainty between rows"].get(column, 0.0)
+                     for column, value in about["uncertainty"].items() if column.endswith((".x", ".y"))]
+        yield {"scene": name, "what": scene.title, "t_end [s]": truth.t_end, "tier": truth.tier,
+               "tier of forces": truth.effort_tier, "events": len(truth.events),
+               "position uncertainty [m]": max(positions),
+               "event time uncertainty [s]": truth.uncertainty.get("event time"),
+               "certificate": (place / "certificate.json.gz").is_file()}
+    on_scene(name)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from stiction.comparisons.judgement import Judgement
-from stiction.comparisons.presentation.table_view import TableView
 from stiction.comparisons.results import Results
 from stiction.reports.figures.charts import drawn
 from stiction.reports.figures.style import rc, save
@@ -30,21 +29,17 @@ def write_judgement(judged: Judgement, folder: Path) -> Path:
         for part in ("data", "figures"):
             (partial / part).mkdir()
         for name, frame in judged.tables.items():
-            if len(frame.columns):
-                storable(frame).to_csv(partial / "data" / f"{name}.csv", index=False)
-                write_frame(storable(frame), partial / "data" / f"{name}.parquet")
+            storable(frame).to_csv(partial / "data" / f"{name}.csv", index=False)
+            write_frame(storable(frame), partial / "data" / f"{name}.parquet")
         with rc():
             drawings = list(drawn(said.figures, Results((), {}, {})))
             for drawing in drawings:
                 save(drawing, partial / "figures")
         items = "\n".join(f"- {part.text}" for part in said.findings)
         parts = [f"# {judged.table.origin} on {judged.scene.name}", f"**{said.answer.text}**", items,
-                 *map(figure, drawings), *(_section(view) for view in said.tables if view.in_report),
+                 *map(figure, drawings),
+                 *(f"*{view.caption}*\n\n{table(view)}{more(view)}" for view in said.tables if view.in_report),
                  "\n".join(f"- {note}" for note in said.notes)]
         (partial / MAIN).write_text("\n\n".join(filter(None, parts)) + "\n", encoding="utf-8")
         write_provenance(partial, {"scene": judged.scene.name, "table": judged.table.origin})
     return Path(folder) / MAIN
-
-
-def _section(view: TableView) -> str:
-    return f"*{view.caption}*\n\n{table(view)}{more(view)}"

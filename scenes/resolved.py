@@ -13,7 +13,7 @@ from typing import Any
 
 from stiction.scenes.errors import Problem, SceneError
 from stiction.scenes.loading import scene_from_dict
-from stiction.scenes.model import Scene, Translational
+from stiction.scenes.model import Scene
 from stiction.scenes.wording import shown
 
 FORMAT = "stiction resolved scene"
@@ -29,8 +29,9 @@ def resolved_scene(scene: Scene) -> dict[str, Any]:
     """
     tables = scene.model_dump(mode="json", exclude={"parameters"})
     tables["gravity"] = tables["gravity"] or [0.0, 0.0]
-    for name, guide in scene.guides.items():
-        tables["joints"][name] |= _guide_values(guide)
+    for name, guide in scene.guides.items():  # what is in force where a guide leaves it out
+        tables["joints"][name] |= {"mus": guide.static_coefficient} if guide.frictional else {}
+        tables["joints"][name] |= {"width": guide.width or 0.0} if guide.length is not None else {}
     return {"format": FORMAT, "version": VERSION, "name": scene.name, "scene": tables}
 
 
@@ -52,13 +53,11 @@ def load_resolved(text: str, origin: str = "<resolved scene>") -> Scene:
     except (ValueError, RecursionError) as error:
         raise SceneError(origin, [Problem("file", str(error), "expected JSON")]) from None
     header = found if isinstance(found, dict) else {}
-    expected = {"format": FORMAT, "version": VERSION}
-    wrong = [Problem(key, shown(header.get(key)), f"expected {shown(value)}")
-             for key, value in expected.items() if header.get(key) != value]
-    wrong += [Problem(key, shown(header.get(key)), f"expected {words}")
-              for key, kind, words in (("name", str, "text"), ("scene", dict, "a table"))
-              if not isinstance(header.get(key), kind)]
-    if wrong:
+    if wrong := [Problem(key, shown(header.get(key)), f"expected {words}") for key, right, words in (
+            ("format", header.get("format") == FORMAT, shown(FORMAT)),
+            ("version", header.get("version") == VERSION, shown(VERSION)),
+            ("name", isinstance(header.get("name"), str), "text"),
+            ("scene", isinstance(header.get("scene"), dict), "a table")) if not right]:
         raise SceneError(origin, wrong)
     return scene_from_dict(header["scene"], origin, name=header["name"])
 
@@ -78,12 +77,6 @@ def resolved_schema() -> dict[str, Any]:
 def resolved_schema_text() -> str:
     """`resolved_schema` as the text of a file."""
     return json.dumps(resolved_schema(), indent=1) + "\n"
-
-
-def _guide_values(guide: Translational) -> dict[str, float]:
-    """Static coefficient and width that are in force where a guide leaves them out."""
-    values = {"mus": guide.static_coefficient} if guide.frictional else {}
-    return values | ({"width": guide.width or 0.0} if guide.length is not None else {})
 
 
 def _numbers_only(schema: Any) -> Any:

@@ -16,6 +16,7 @@ from stiction.comparisons.hard.case import HardCase, hard_cases
 from stiction.comparisons.hard.examination import examine, judge
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines.isolation import Outcome, Task
+from stiction.engines.registry import label_of
 
 REFERENCE = (
     Variant("reference", "reference", "rtol", (1e-10,), settings={"stabilization": "projection"}),
@@ -64,7 +65,8 @@ def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
     verdict, value = judge(case, variant, outcome), outcome.value
     step = case.dt if variant.parameter == "dt" else variant.ladder[-1]
     return {"topic": case.topic, "case": case.name, "scene": case.scene, "must": case.must, "variant": variant.label,
-            "engine": variant.engine, "version": value.version if value else None, "fidelity": variant.fidelity,
-            "parameter": variant.parameter, "step": step, "verdict": verdict.word, "about": verdict.about,
+            "engine": label_of(variant.engine), "version": value.version if value else None,
+            "fidelity": variant.fidelity, "parameter": variant.parameter, "step": step,
+            "verdict": verdict.word, "about": verdict.about,
             "size": verdict.size, "limit": verdict.limit, "cpu [s]": value.cpu_s if value else None,
             OWN_CPU: value.engine_s if value else None}

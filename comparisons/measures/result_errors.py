@@ -5,20 +5,21 @@ Nothing is interpolated between samples of the table but the error itself, where
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from stiction.comparisons.measures.accuracy import effort_error, is_known
-from stiction.comparisons.truth import Truth
+from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS, unit_of
 from stiction.scenes.result_table import ResultTable
 
 CONTINUOUS = (*BODY_COLUMNS[0], *BODY_COLUMNS[1], "displacement", "slip_velocity")
 """Columns without jumps: their largest error counts; of the others, which a jump a step late makes large, the mean."""
+COLUMNS = ["column", "unit", "size", "tier", "at t [s]", "error", "uncertainty", "measure", "hint", "is input"]
 TURN = 2 * np.pi
 EXPLAINS = 0.1
 """Part of the mean error, and of the mean size, that is left at most where a cause explains it: what has blown up to a
@@ -30,8 +31,7 @@ KNOWN = 1e3
 """Ratio of a column's size to its uncertainty above which it is not nothing but rounding."""
 
 
-@dataclass(frozen=True)
-class Hint:
+class Hint(NamedTuple):
     """A cause that explains the errors of a column; `is_input` where the column must be read in another way."""
 
     cause: str
@@ -44,7 +44,7 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
     `trajectory` holds the same results, one row per instant and the sides of jumps as events. Angles are compared up to
     whole turns. Of a column that jumps the error is the mean of |error| over time.
     """
-    before, after = (truth(table.t, side) for side in ("before", "after"))
+    before, after = ({} if truth.tier == NO_TRUTH else truth(table.t, side) for side in ("before", "after"))
     single = np.isin(table.t, table.t[table.last[table.first == table.last]])
     rows = []
     for name, found in table.columns.items():
@@ -56,8 +56,9 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
         if label == "angle":
             off = off - TURN * np.round(off / TURN)
         unit, size = unit_of(name, scene), float(np.max(np.abs(after[name])))
-        row = {"column": name, "unit": unit, "size": size, "tier": _tier(name, truth), "at t [s]": None,
-               "error": None, "uncertainty": None}
+        # a proof encloses positions and velocities
+        tier = truth.tier if label in CONTINUOUS[:6] else truth.effort_tier
+        row: dict[str, Any] = dict(zip(COLUMNS, (name, unit, size, tier)))
         if label in CONTINUOUS:
             worst = int(np.argmax(np.abs(off)))
             row |= {"measure": "largest", "error": abs(float(off[worst])), "at t [s]": float(table.t[worst]),
@@ -69,13 +70,8 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
             row |= {"measure": "left open at some instants"}
         known = np.isfinite(found).all() and size > KNOWN * truth.uncertainty.get(name, 0.0)
         cause = hint(found[single], after[name][single], off[single], unit) if known and single.any() else None
-        rows.append({**row, "hint": cause.cause if cause else "", "is input": bool(cause and cause.is_input)})
-    return pd.DataFrame(rows)
-
-
-def _tier(column: str, truth: Truth) -> str:
-    """Tier of a column: a proof encloses positions and velocities."""
-    return truth.tier if column.rpartition(".")[2] in CONTINUOUS[:6] else truth.effort_tier
+        rows.append(row | dict(zip(COLUMNS[-2:], cause or Hint("", False))))
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hint | None:
@@ -86,25 +82,23 @@ def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hin
     error, size = float(np.mean(np.abs(off))), float(np.mean(np.abs(true)))
     if not error > SLIGHT * size:
         return None
-    left = {cause: float(np.mean(np.abs(other))) for cause, other in _causes(found, true, off, unit, error, size)}
-    best = min(left, key=lambda cause: left[cause], default=None)
-    return best if best is not None and left[best] <= EXPLAINS * min(error, size) else None
+    left, best = min((float(np.mean(np.abs(other))), cause)
+                     for cause, other in _causes(found, true, off, unit, error > COARSE * size))
+    return best if left <= EXPLAINS * min(error, size) else None
 
 
-def _causes(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str, error: float,
-            size: float) -> Iterator[tuple[Hint, np.ndarray]]:
+def _causes(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str,
+            is_coarse: bool) -> Iterator[tuple[Hint, np.ndarray]]:
     """Causes, each with the differences that it leaves."""
-    if error > COARSE * size:
-        units: Mapping[str, str] = {"m": "mm", "N m": "mm"}
-        kind = unit.partition("/")[0]
-        if kind == "rad":
-            yield Hint("57.3 times the truth: degrees? (--units deg)", True), found * np.pi / 180 - true
-        elif kind in ("m", "N", "N m"):
-            words = f" (--units {units[kind]})" if kind in units else ""
-            yield Hint(f"1000 times the truth: other units?{words}", True), found / 1e3 - true
-            yield Hint("a thousandth of the truth: other units?", True), found * 1e3 - true
+    kind = unit.partition("/")[0]
+    if is_coarse and kind == "rad":
+        yield Hint("57.3 times the truth: degrees? (--units deg)", True), found * np.pi / 180 - true
+    elif is_coarse and kind in ("m", "N", "N m"):
+        yield Hint("1000 times the truth: other units?" + " (--units mm)" * (kind != "N"), True), found / 1e3 - true
+        yield Hint("a thousandth of the truth: other units?", True), found * 1e3 - true
+    if is_coarse:
         yield Hint("the other sign (--map MINE=-COLUMN)", True), -found - true
-        if unit in ("m", "rad") and np.ptp(true) > COARSE * size:
-            yield Hint("off by a constant: another origin or point of the body?", True), off - np.mean(off)
+    if is_coarse and unit in ("m", "rad") and np.ptp(true) > COARSE * np.mean(np.abs(true)):
+        yield Hint("off by a constant: another origin or point of the body?", True), off - np.mean(off)
     yield Hint("a sample late: each row has the value of the row before", False), found[1:] - true[:-1]
     yield Hint("a sample early: each row has the value of the row behind", False), found[:-1] - true[1:]

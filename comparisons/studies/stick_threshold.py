@@ -25,7 +25,7 @@ from stiction.comparisons.truth.reduced.steady_state import DEFINITION, with_thr
 from stiction.comparisons.variants import OWN_CPU, Variant, has_static_coefficient, physics_of, run_key, truth_key
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import EngineFailure
-from stiction.engines.registry import load_engine
+from stiction.engines.registry import label_of, load_engine
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.laws import Sine
 
@@ -293,8 +293,8 @@ def threshold_table(scene: Scene, runs: Sequence[tuple[Variant, float]], outcome
     for (variant, step), outcome in zip(runs, outcomes, strict=True):
         has_mus, found = has_static_coefficient(variant), outcome.value
         truth, guide = true[has_mus], next(iter(physics_of(scene, has_mus).frictional_guides.values()))
-        row = {"scene": scene.name, "variant": variant.label, "engine": variant.engine, "fidelity": variant.fidelity,
-               "parameter": variant.parameter, "step": step, "status": outcome.status,
+        row = {"scene": scene.name, "variant": variant.label, "engine": label_of(variant.engine),
+               "fidelity": variant.fidelity, "parameter": variant.parameter, "step": step, "status": outcome.status,
                "reason": outcome.reason or (found.remark if found else ""), "definition": DEFINITION,
                "truth [N]": truth.F0, "truth tier": NO_TRUTH if truth.F0 is None else PROVEN if truth.theorem else
                HIGH_PRECISION, "truth note": truth.note, "truth uncertainty [N]": truth.uncertainty,

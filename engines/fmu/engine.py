@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
@@ -13,29 +13,23 @@ from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
+from stiction.engines.examined import changed_modes
 from stiction.engines.fmu.variables import CO_SIMULATION, MODEL_EXCHANGE, FmuDeclared, Map, Variables
 from stiction.engines.protocol import EngineFailure, accepted
-from stiction.engines.registry import BUILT_IN, EngineMissing
-from stiction.engines.shared.declared_engine import (DEFAULT_RTOL, DeclaredEngine, all_columns, read_declaration,
-                                                     results_of)
+from stiction.engines.registry import EngineMissing
+from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine, read_declaration
 from stiction.engines.shared.fixed_step import Grid, step_of
 from stiction.scenes import Cost, Event, FileError, InputError, Problem, Scene, Trajectory
-from stiction.scenes.result_table import ResultTable, result_table
-from stiction.scenes.trajectory import rows_of
+from stiction.scenes.result_table import result_table
 from stiction.scenes.wording import shortened, shown
 
 MAP = ".map.toml"
 LOGGING = "logging"
 LOG_LINES = 4
 """Messages of an FMU that a reason has: the last ones."""
-_KINDS = {CO_SIMULATION: "CoSimulation", MODEL_EXCHANGE: "ModelExchange"}  # as fmpy calls them
 _CALLED_BY_CVODE = {"setTime", "setContinuousStates", "getDerivatives", "getContinuousStateDerivatives",
                     "getEventIndicators"}
-_ATTRIBUTES = {CO_SIMULATION: "coSimulation", MODEL_EXCHANGE: "modelExchange"}
-
-
-class FmuError(FileError):
-    """An FMU, or the map next to it, that cannot be used."""
+_ATTRIBUTES = {CO_SIMULATION: "coSimulation", MODEL_EXCHANGE: "modelExchange"}  # as fmpy has them
 
 
 class FmuEngine(DeclaredEngine):
@@ -48,7 +42,7 @@ class FmuEngine(DeclaredEngine):
 
     Raises
     ------
-    FmuError
+    FileError
         With what is wrong in the file or in its map.
     EngineMissing
         If fmpy is not installed, or the FMU has no binary for this machine.
@@ -60,25 +54,18 @@ class FmuEngine(DeclaredEngine):
         self.file, self.name = file, file.stem
         self._fmpy = accepted("fmpy", fmpy.__version__)
         self.map_file = file.with_name(file.stem + MAP)
-        mapped = self.map_file.is_file()
-        chosen = read_declaration(self.map_file, Map, FmuError, FmuDeclared) if mapped else Map()
+        chosen = read_declaration(self.map_file, Map) if self.map_file.is_file() else Map()
         self.variables, self.interface, binaries = _read(file, chosen, self.map_file)
-        if (library := self._library()) not in binaries:
+        description = self.variables.description
+        folder = fmpy.platform_tuple if description.fmiMajorVersion == 3 else fmpy.platform
+        identifier = getattr(description, _ATTRIBUTES[self.interface]).modelIdentifier
+        if (library := f"binaries/{folder}/{identifier}{fmpy.sharedLibraryExtension}") not in binaries:
             found = ", ".join(sorted({name.split("/")[1] for name in binaries})) or "none"
             raise EngineMissing(f"{self.name}: found binaries for {found}; expected {library} in the FMU")
         self.solver = "" if self.interface == CO_SIMULATION else "CVode" if has_cvode() else "Euler"
         self.declare(FmuDeclared.model_validate(
             {**chosen.capabilities.model_dump(), "adaptive": chosen.capabilities.adaptive or self.solver == "CVode",
              "locates_events": chosen.capabilities.locates_events and self.solver == "CVode"}))
-
-    def _library(self) -> str:
-        """Name in the FMU of its library for this machine."""
-        from fmpy import platform, platform_tuple, sharedLibraryExtension
-
-        description = self.variables.description
-        identifier = getattr(description, _ATTRIBUTES[self.interface]).modelIdentifier
-        folder = platform_tuple if description.fmiMajorVersion == 3 else platform
-        return f"binaries/{folder}/{identifier}{sharedLibraryExtension}"
 
     @property
     def version(self) -> str:
@@ -110,28 +97,29 @@ class FmuEngine(DeclaredEngine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        if self.solver == "CVode" or self.declared.adaptive and dt is None:
+        by_steps = self.solver != "CVode"
+        if not by_steps or self.declared.adaptive and dt is None:
             rtol = rtol or DEFAULT_RTOL
-            grid = Grid.of(t_end, t_end / math.ceil(t_end / output_step - 1e-9), output_step)
-        else:
-            grid = Grid.of(t_end, step_of(dt, t_end), output_step)
+            dt = t_end / math.ceil(t_end / output_step - 1e-9)
+        grid = Grid.of(t_end, step_of(dt, t_end), output_step)
         values = self.variables.settable(scene)
         logging = {**self.default_settings(fidelity), **settings}[LOGGING]
         rows, setup, stepping = self._simulate(scene, grid, rtol, values, logging)
-        table = self._table(scene, t_end, rows)
-        columns, made = all_columns(scene, table, self.name)
-        last, until, by_steps = table.last, float(table.t[-1]), self.solver != "CVode"
+        with self.reading():
+            table = result_table(self.variables.columns(scene, rows), scene.model_copy(update={"t_end": t_end}),
+                                 origin=self.name)
+        until = float(table.t[-1])
         chosen = {"dt": grid.dt if by_steps else None, "rtol": rtol, "interface": self.interface,
                   "solver": f"{self.solver} (fmpy)" if self.solver else None, LOGGING: logging,
-                  "parameters": " ".join(f"{name}={value:.12g}" for name, value in values.items()), **made,
-                  "friction_law": self.capabilities.friction_law[fidelity]}
-        return Trajectory(
-            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=table.t[last],
-            columns={name: found[last] for name, found in columns.items()},
-            events=tuple(self._events(scene, table, columns)),
-            termination="end" if until > (grid.last - 0.5) * grid.dt else f"the FMU ended the run at t = {until:.9g} s",
-            settings={key: value for key, value in chosen.items() if value is not None},
-            cost=Cost(setup, 0.0, stepping, {"steps": grid.last} if by_steps else {}))
+                  "parameters": " ".join(f"{name}={value:.12g}" for name, value in values.items()),
+                  "units without a definition, taken as SI": ", ".join(self.variables.undefined_units(scene)) or None}
+        return self.trajectory(
+            scene, table, lambda columns: [
+                Event(time, kind, guide, before, after) for time, before, after in table.jumps(columns)
+                for kind, guide in changed_modes(scene.frictional_guides, before, after)],
+            {key: value for key, value in chosen.items() if value is not None},
+            Cost(setup, 0.0, stepping, {"steps": grid.last} if by_steps else {}),
+            "end" if until > (grid.last - 0.5) * grid.dt else f"the FMU ended the run at t = {until:.9g} s")
 
     def _simulate(self, scene: Scene, grid: Grid, rtol: float | None, values: Mapping[str, float],
                   logging: bool) -> tuple[np.ndarray, float, float]:
@@ -141,49 +129,34 @@ class FmuEngine(DeclaredEngine):
         description, began = self.variables.description, process_time()
         said: list[str] = []
         failures: list[Exception] = []
-        names = [source.removeprefix("-") for source in self.variables.sources(scene).values()
-                 if isinstance(source, str)]
+        kind = _ATTRIBUTES[self.interface]
+        kind = kind[0].upper() + kind[1:]
         with TemporaryDirectory(prefix="stiction-fmu-", ignore_cleanup_errors=True) as folder:
             try:
                 extract(self.file, folder)
-                fmu = instantiate_fmu(folder, description, _KINDS[self.interface], debug_logging=logging,
+                fmu = instantiate_fmu(folder, description, kind, debug_logging=logging,
                                       logger=_logger(said))
                 for call in _CALLED_BY_CVODE & set(dir(fmu)):
                     setattr(fmu, call, _noted(getattr(fmu, call), failures))
                 started = process_time()
                 rows = simulate_fmu(
-                    folder, fmu_instance=fmu, model_description=description, fmi_type=_KINDS[self.interface],
+                    folder, fmu_instance=fmu, model_description=description, fmi_type=kind,
                     start_time=0.0, stop_time=grid.last * grid.dt, step_size=grid.dt, output_interval=grid.dt,
                     solver=self.solver, relative_tolerance=rtol, record_events=self.declared.locates_events,
-                    start_values=dict(values), output=names,
+                    start_values=dict(values), output=self.variables.names(scene),
                     step_finished=_thinned(grid.every) if self.interface == CO_SIMULATION else None)
                 if failures:
                     raise failures[0]
                 fmu.freeInstance()  # only here: after an error nothing is safe to call
             except Exception as error:  # fmpy raises Exception itself
                 first = failures[0] if failures else error
-                what = str(first) or type(first).__name__
-                raise EngineFailure(f"{self.name}: {what} {_words(said, logging)}") from error
+                words = " | ".join(shortened(" ".join(text.split()), 200) for text in said[-LOG_LINES:])
+                more = "" if logging else f"; --setting {LOGGING}=true may bring more"
+                raise EngineFailure(f"{self.name}: {str(first) or type(first).__name__} "
+                                    + (f"It logged: {words}" if words else f"It logged nothing{more}")) from error
         if self.solver == "Euler":
             rows = rows[::grid.every]
         return rows, started - began, process_time() - started
-
-    def _table(self, scene: Scene, t_end: float, rows: np.ndarray) -> ResultTable:
-        handed = scene.model_copy(update={"t_end": t_end})
-        with results_of(self.name):
-            return result_table(self.variables.columns(scene, rows), handed, origin=self.name)
-
-    def _events(self, scene: Scene, table: ResultTable, columns: Mapping[str, np.ndarray]) -> Iterator[Event]:
-        """Events of the FMU that change a guide's mode."""
-        for first, last in zip(table.first, table.last):
-            if first == last:
-                continue
-            before, after = rows_of({name: values[[first, last]] for name, values in columns.items()})
-            for guide in scene.frictional_guides:
-                old, new = (side[f"{guide}.mode"] for side in (before, after))
-                if old != new:
-                    kind = "slip" if old == 0 else "stick" if new == 0 else "reversal"
-                    yield Event(float(table.t[first]), kind, guide, before, after)
 
 
 def has_cvode() -> bool:
@@ -196,42 +169,35 @@ def has_cvode() -> bool:
 
 
 def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str, list[str]]:
-    """Variables and interface of an FMU, and the names of its binaries.
-
-    Raises
-    ------
-    FmuError
-    """
+    """Variables and interface of an FMU, and the names of its binaries; FileError where it cannot be used."""
     from fmpy import read_model_description
 
-    if file.stem in BUILT_IN:
-        raise FmuError(str(file), [Problem("name", shown(file.stem), "expected another name: an engine of the suite "
-                                           "has it")])
+    wrong, expected = "", "expected a model description of FMI 2 or 3"
     try:
         with ZipFile(file) as archive:
             binaries = [name for name in archive.namelist() if name.startswith("binaries/") and name.count("/") == 2]
         description = read_model_description(file, validate=False)
     except (OSError, BadZipFile, KeyError) as error:
-        raise FmuError(str(file), [Problem("file", shortened(str(getattr(error, "strerror", None) or error), 160),
-                                           "expected an FMU: an archive with modelDescription.xml")]) from None
+        wrong = str(getattr(error, "strerror", None) or error)
+        expected = "expected an FMU: an archive with modelDescription.xml"
     except Exception as error:  # fmpy raises Exception itself, for versions and references
-        raise FmuError(str(file), [Problem("modelDescription.xml", shortened(str(error), 160),
-                                           "expected a model description of FMI 2 or 3")]) from error
-    have = [interface for interface, name in _ATTRIBUTES.items() if getattr(description, name) is not None]
-    if description.fmiMajorVersion not in (2, 3) or not have:
-        raise FmuError(str(file), [Problem("modelDescription.xml", f"FMI {description.fmiVersion}, "
-                                           f"{' and '.join(have) or 'no interface'}", "expected co-simulation or model "
-                                           "exchange of FMI 2 or 3")])
-    if chosen.interface and chosen.interface not in have:
-        raise FmuError(str(map_file), [Problem("interface", shown(chosen.interface), f"expected {' or '.join(have)}: "
-                                               "the FMU has no other")])
-    interface = chosen.interface or have[0]
-    if chosen.capabilities.locates_events and interface == CO_SIMULATION:
-        raise FmuError(str(map_file), [Problem("capabilities.locates_events", "true", "expected false: "
-                                               "co-simulation does not stop at events")])
-    variables = Variables(description, chosen, map_file.name)
-    if problems := list(variables.problems()):
-        raise FmuError(str(map_file), problems)
+        wrong = str(error)
+    else:
+        have = [interface for interface, name in _ATTRIBUTES.items() if getattr(description, name) is not None]
+        if description.fmiMajorVersion not in (2, 3) or not have:
+            wrong = f"FMI {description.fmiVersion}, {' and '.join(have) or 'no interface'}"
+            expected = "expected co-simulation or model exchange of FMI 2 or 3"
+    if wrong:
+        raise FileError(str(file), [Problem("modelDescription.xml", shortened(wrong, 160), expected)])
+    interface, variables = chosen.interface or have[0], Variables(description, chosen, map_file.name)
+    problems = list(variables.problems())
+    if interface not in have:
+        problems.append(Problem("interface", shown(interface), f"expected {' or '.join(have)}: the FMU has no other"))
+    elif chosen.capabilities.locates_events and interface == CO_SIMULATION:
+        problems.append(Problem("capabilities.locates_events", "true",
+                                "expected false: co-simulation does not stop at events"))
+    if problems:
+        raise FileError(str(map_file), problems)
     return variables, interface, binaries
 
 
@@ -257,17 +223,9 @@ def _noted(function: Callable[..., Any], failures: list[Exception]) -> Callable[
     return call
 
 
-def _words(said: list[str], logging: bool) -> str:
-    """Say what an FMU that failed has logged."""
-    lines = [shortened(" ".join(text.split()), 200) for text in said[-LOG_LINES:]]
-    return (f"It logged: {' | '.join(lines)}" if lines else
-            "It logged nothing" + f"; --setting {LOGGING}=true may bring more" * (not logging))
-
-
 def _thinned(every: int) -> Callable[[float, Any], bool]:
     """Keep every so many steps of what fmpy records; RuntimeError where a step does not advance."""
-    latest = -math.inf
-    step = 0
+    latest, step = -math.inf, 0
 
     def finished(time: float, recorder: Any) -> bool:
         nonlocal latest, step

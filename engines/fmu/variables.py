@@ -25,6 +25,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -62,76 +63,62 @@ class FmuDeclared(Declared):
     """Capabilities of an FMU. It is made for its scenes, so that it has their friction unless it says otherwise."""
 
     friction_law: StrictStr = "the FMU's own"
-    """In words; empty where it has no friction"""
     static_coefficient: StrictBool = True
-    """Whether it has mus > mu"""
 
 
 class Map(Model):
-    """What an FMU names otherwise than the scene, and what it can do."""
+    """Names in an FMU that are not the scene's, and what it can do, as the module says."""
 
     scene: StrictStr = ""
-    """Names or patterns of scenes, separated by blanks"""
     interface: Literal["co-simulation", "model exchange", ""] = ""
-    """Of an FMU that has both"""
     columns: Annotated[dict[str, StrictStr | StrictFloat | StrictInt], BeforeValidator(flattened)] = {}
-    """Variable by column, with a - before it for the other sign; or a number"""
     parameters: Annotated[dict[str, StrictStr], BeforeValidator(flattened)] = {}
-    """Variable by the scene's parameter or number"""
     capabilities: FmuDeclared = FmuDeclared()
-    """What it can do"""
 
 
 @dataclass(frozen=True)
 class Variables:
-    """Variables of an FMU and the names that a map gives to them.
-
-    Attributes
-    ----------
-    description : ModelDescription
-        As fmpy has read it.
-    map : Map
-    file : str
-        Name of the map's file, for messages.
-    """
+    """Variables of an FMU, as fmpy describes them, and the names that a map, of a file, gives to them."""
 
     description: ModelDescription
     map: Map
     file: str
 
-    @property
+    @cached_property
     def by_name(self) -> dict[str, ModelVariable]:
         return {variable.name: variable for variable in self.description.modelVariables}
-
-    @property
-    def _scenes(self) -> str:
-        """Names and patterns of the scenes that the FMU or its map states."""
-        stated = self.by_name.get(SCENE)
-        return self.map.scene or (stated.start if stated is not None else "") or ""
 
     def problems(self) -> Iterator[Problem]:
         """Yield what the map names and the FMU does not have."""
         known = self.by_name
-        for table, values in (("columns", self.map.columns), ("parameters", self.map.parameters)):
-            for key, value in values.items():
-                if not isinstance(value, str) or table == "parameters" and not value:
-                    continue
-                name = value.removeprefix("-") if table == "columns" else value
-                if name not in known:
-                    yield Problem(f"{table}.{key}", shown(value), "expected a variable of the FMU: "
-                                                                  f"{names(known)}{did_you_mean(name, known)}")
-                elif not _is_number(known[name]):
-                    yield Problem(f"{table}.{key}", f"{shown(value)}, {known[name].type}", "expected a number alone")
+        named = [(f"columns.{key}", value, value.removeprefix("-")) for key, value in self.map.columns.items()
+                 if isinstance(value, str)]
+        named += [(f"parameters.{key}", value, value) for key, value in self.map.parameters.items() if value]
+        for key, value, name in named:
+            if name not in known:
+                yield Problem(key, shown(value), f"expected a variable of the FMU: {names(known)}"
+                                                 f"{did_you_mean(name, known)}")
+            elif not _is_number(known[name]):
+                yield Problem(key, f"{shown(value)}, {known[name].type}", "expected a number alone")
 
-    def sources(self, scene: Scene) -> dict[str, str | float]:
-        """Variable, with its sign, or number by column of the scene, for the columns that the FMU has."""
-        known = self.by_name
-        return {column: self.map.columns.get(column, column) for column in columns_of(scene)
-                if column in self.map.columns or column in known and _is_number(known[column])}
+    def sources(self, scene: Scene) -> dict[str, tuple[str, float, float]]:
+        """Variable ("": none), factor and offset to SI units by column of the scene, for the columns that there are."""
+        found: dict[str, tuple[str, float, float]] = {}
+        for column in columns_of(scene):
+            source = self.map.columns.get(column, column)
+            if not isinstance(source, str):
+                found[column] = "", 0.0, float(source)
+            elif (variable := self.by_name.get(source.removeprefix("-"))) is not None and _is_number(variable):
+                sign = -1 if source.startswith("-") else 1
+                factor, offset = self._unit(variable)
+                found[column] = variable.name, sign * factor, sign * offset
+        return found
 
     def refusal(self, scene: Scene) -> str | None:
         """Why the FMU is not of this scene: another one stated, another constant, a column that it lacks."""
-        if (stated := self._scenes.split()) and not any(fnmatchcase(scene.name, pattern) for pattern in stated):
+        said = self.by_name.get(SCENE)
+        stated = (self.map.scene or (said.start if said is not None else "") or "").split()
+        if stated and not any(fnmatchcase(scene.name, pattern) for pattern in stated):
             return f"made for {' or '.join(stated)}; found {scene.name}"
         if unknown := [column for column in self.map.columns if column not in columns_of(scene)]:
             return (f"{self.file}: columns.{unknown[0]}: {scene.name} has no such column"
@@ -155,17 +142,21 @@ class Variables:
         return {variable.name: value for _, variable, value in self._numbers(scene)
                 if _can_be_set(variable, value)}
 
+    def names(self, scene: Scene) -> list[str]:
+        """Names of the variables that are columns of the scene."""
+        return [name for name, *_ in self.sources(scene).values() if name]
+
+    def undefined_units(self, scene: Scene) -> list[str]:
+        """Names of units that the FMU uses and does not define: its numbers are taken as they are."""
+        used = [self.by_name[name] for name in self.names(scene)] + [one for _, one, _ in self._numbers(scene)]
+        defined = {unit.name for unit in self.description.unitDefinitions if unit.baseUnit is not None}
+        return sorted({unit for variable in used if (unit := _unit_name(variable))} - defined)
+
     def columns(self, scene: Scene, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of the scene in SI units, from what fmpy has recorded, with the time as ``t``."""
-        found = {"t": rows["time"].astype(float)}
-        for column, source in self.sources(scene).items():
-            if isinstance(source, str):
-                factor, offset = self._unit(self.by_name[name := source.removeprefix("-")])
-                values = (factor * rows[name].astype(float) + offset) * (-1 if source.startswith("-") else 1)
-            else:
-                values = np.full(len(rows), float(source))
-            found[column] = values
-        return found
+        return {"t": rows["time"].astype(float),
+                **{column: factor * rows[name or "time"].astype(float) + offset
+                   for column, (name, factor, offset) in self.sources(scene).items()}}
 
     def _numbers(self, scene: Scene) -> Iterator[tuple[str, ModelVariable, float]]:
         """Name in the scene, variable, and value in its unit of each parameter that the scene has too."""
@@ -180,9 +171,13 @@ class Variables:
 
     def _unit(self, variable: ModelVariable) -> tuple[float, float]:
         """Factor and offset from the variable's unit to SI units, as the FMU defines it."""
-        name = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
-        bases = [unit.baseUnit for unit in self.description.unitDefinitions if unit.name == name]
-        return (bases[0].factor, bases[0].offset) if bases and bases[0] is not None else (1.0, 0.0)
+        name = _unit_name(variable)
+        return next(((unit.baseUnit.factor, unit.baseUnit.offset) for unit in self.description.unitDefinitions
+                     if unit.name == name and unit.baseUnit is not None), (1.0, 0.0))
+
+
+def _unit_name(variable: ModelVariable) -> str | None:
+    return variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
 
 
 def _is_number(variable: ModelVariable) -> bool:

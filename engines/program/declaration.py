@@ -48,26 +48,17 @@ _Words = Annotated[tuple[StrictStr, ...], Field(min_length=1)]
 
 
 class Declaration(Model):
-    """A program and how it is run."""
+    """A program and how it is run, as the module says."""
 
     name: Name
-    """In tables and legends"""
     command: _Words
-    """Program and arguments"""
     version: _Words
-    """Program and arguments whose first line of output is the version"""
     folder: StrictStr = "."
-    """Working folder, relative to the file"""
     result: Literal["csv", "parquet"] = "csv"
-    """Format of the result"""
     largest_file: Annotated[StrictInt, Field(ge=1, le=1024)] = 1024
-    """MiB of a file that the program writes, at most"""
     capabilities: Declared = Declared()
-    """What it can do"""
     settings: dict[Name, StrictBool | StrictInt | StrictFloat | StrictStr] = {}
-    """Settings by name, with their defaults"""
     environment: dict[Name, StrictStr] = {}
-    """Environment variables by name"""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         used = set()

@@ -2,33 +2,29 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field, ValidationError
 
 from stiction.engines.program.declaration import Declaration
-from stiction.engines.program.process import Ended, run_program
+from stiction.engines.program.process import run_program
 from stiction.engines.protocol import BadTrajectory, EngineFailure, Refused
-from stiction.engines.registry import BUILT_IN, EngineBroken, EngineMissing
-from stiction.engines.shared.declared_engine import (DEFAULT_RTOL, Declared, DeclaredEngine, all_columns,
-                                                     read_declaration, results_of)
+from stiction.engines.registry import EngineBroken, EngineMissing
+from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine, read_declaration
 from stiction.engines.shared.fixed_step import step_of
-from stiction.scenes import Cost, Event, FileError, Problem, Scene, Trajectory
+from stiction.scenes import Cost, Event, Scene, Trajectory
 from stiction.scenes.errors import problems_in_tables
 from stiction.scenes.fields import Model
 from stiction.scenes.resolved import resolved_text
-from stiction.scenes.result_table import ResultTable, read_result
-from stiction.scenes.trajectory import rows_of
+from stiction.scenes.result_table import ResultTable, result_table
 from stiction.scenes.wording import as_given, shown
 
 REFUSAL = 77
@@ -36,10 +32,7 @@ REFUSAL = 77
 VERSION_S = 20.0
 """Seconds for the version command."""
 _SAME = 1e-9  # of t_end: times that are the same instant
-
-
-class ProgramError(FileError):
-    """A declaration of a program that cannot be used."""
+_MIB = 2 ** 20
 
 
 class _Event(Model):
@@ -57,19 +50,8 @@ class _Report(Model):
     termination: Annotated[str, Field(min_length=1)] = "end"
 
 
-@dataclass(frozen=True)
-class Product:
-    """What a program has made of a scene.
-
-    Attributes
-    ----------
-    table : ResultTable
-    report : _Report
-    settings : Mapping
-        Step or tolerance, and settings of the program.
-    cpu_s : float
-        CPU seconds of the program.
-    """
+class Product(NamedTuple):
+    """Table and report that a program has made of a scene, step or tolerance with its settings, its CPU seconds."""
 
     table: ResultTable
     report: _Report
@@ -86,22 +68,31 @@ class ProgramEngine(DeclaredEngine):
 
     Raises
     ------
-    ProgramError
+    FileError
         With all problems of the file at once.
     EngineMissing, EngineBroken
         If there is no such program, or it does not answer with its version.
     """
 
     def __init__(self, file: Path):
-        self.file, self.declaration = file, _read(file)
-        self.name = self.declaration.name
+        self.file, self.declaration = file, read_declaration(file, Declaration)
+        self.name, self.folder = self.declaration.name, file.parent / self.declaration.folder
         self.declare(self.declaration.capabilities)
         if os.name != "posix":
             raise EngineMissing(f"{self.name}: programs run on Linux and macOS")
-        self.folder = file.parent / self.declaration.folder
-        self._program, asked = (self._found(words[0]) for words in (self.declaration.command, self.declaration.version))
-        self._version = _answer(self.name, (str(asked), *self.declaration.version[1:]), self.folder,
-                                tuple(self.declaration.environment.items()), self._digests())
+        if not self.folder.is_dir():
+            raise EngineMissing(f"{self.name}: found no folder {self.folder}; expected the working folder of its "
+                                "program")
+        command, (asked, *arguments) = self.declaration.command, self.declaration.version
+        self._program = self._found(command[0])
+        paths = [self._program, *(self.folder / word for word in command[1:])]
+        self._files = [path for path in paths if path.is_file()]
+        version = str(self._found(asked)), *arguments
+        self._version, words = _answer(version, self.folder, tuple(self.declaration.environment.items()), tuple(
+            (path, path.stat().st_mtime_ns, path.stat().st_size) for path in self._files))
+        if not self._version:
+            raise EngineBroken(f"{self.name}: its version command fails: {' '.join(version)}: {words}; expected a line "
+                               "with the version")
 
     @property
     def version(self) -> str:
@@ -109,9 +100,6 @@ class ProgramEngine(DeclaredEngine):
 
     def _found(self, word: str) -> Path:
         """The program of a command: a path from the working folder where it has a slash, else one on PATH."""
-        if not self.folder.is_dir():
-            raise EngineMissing(f"{self.name}: found no folder {self.folder}; expected the working folder of its "
-                                "program")
         path = self.folder / word if "/" in word else shutil.which(word)
         if path is None or not os.access(path, os.X_OK) or Path(path).is_dir():
             where = "on PATH" if path is None else f"as {path}"
@@ -119,13 +107,9 @@ class ProgramEngine(DeclaredEngine):
                                 f"executed (command, version in {self.file})")
         return Path(path)
 
-    def _digests(self) -> bytes:
-        """Digests of the files that the command names: a program may change without a new version."""
-        paths = [self._program, *(self.folder / word for word in self.declaration.command[1:])]
-        return b"".join(_digest(path, path.stat().st_mtime_ns, path.stat().st_size) for path in paths if path.is_file())
-
     def content(self) -> bytes:
-        return self.file.read_bytes() + self.version.encode() + self._digests()
+        """See `Engine.content`: files that the command names may change without a new version."""
+        return b"".join([self.file.read_bytes(), self.version.encode(), *(path.read_bytes() for path in self._files)])
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return self.declaration.settings
@@ -133,14 +117,9 @@ class ProgramEngine(DeclaredEngine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         made = self.product(scene, t_end, dt, rtol, output_step, settings)
-        columns, extra = all_columns(scene, made.table, self.name)
-        setup, last = min(made.report.setup_s, made.cpu_s), made.table.last
-        return Trajectory(
-            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=made.table.t[last],
-            columns={name: values[last] for name, values in columns.items()},
-            events=tuple(self._events(made, columns, t_end)), termination=made.report.termination,
-            settings={**made.settings, **extra, "friction_law": self.capabilities.friction_law[fidelity]},
-            cost=Cost(setup, 0.0, made.cpu_s - setup, made.report.counters))
+        setup = min(made.report.setup_s, made.cpu_s)
+        return self.trajectory(scene, made.table, lambda columns: self._events(made, columns, t_end), made.settings,
+                               Cost(setup, 0.0, made.cpu_s - setup, made.report.counters), made.report.termination)
 
     def product(self, scene: Scene, t_end: float, dt: float | None, rtol: float | None, output_step: float,
                 settings: Mapping[str, Any]) -> Product:
@@ -150,88 +129,63 @@ class ProgramEngine(DeclaredEngine):
         ------
         Refused, EngineFailure, BadTrajectory
         """
-        chosen = {**self.declaration.settings, **settings}
+        declared = self.declaration
+        chosen = {**declared.settings, **settings}
         method = {"rtol": rtol or DEFAULT_RTOL} if self.declared.adaptive else {"dt": step_of(dt, t_end)}
         handed = scene.model_copy(update={"t_end": t_end})
         with TemporaryDirectory(prefix="stiction-program-", ignore_cleanup_errors=True) as name:
             place = Path(name)
-            paths = {"scene": place / "scene.json", "result": place / f"result.{self.declaration.result}",
+            files = {"scene": place / "scene.json", "result": place / f"result.{declared.result}",
                      "events": place / "events.json"}
-            paths["scene"].write_text(resolved_text(handed), encoding="utf-8")
+            files["scene"].write_text(resolved_text(handed), encoding="utf-8")
             numbers = {"t_end": t_end, "output_step": output_step, **method}
-            values = {key: str(path) for key, path in paths.items()}
+            values = {key: str(path) for key, path in files.items()}
             values |= {key: repr(float(value)) for key, value in numbers.items()}
             words = [f"{key}={as_given(value)}" for key, value in chosen.items()]
-            command = [str(self._program), *self.declaration.arguments(values, words)]
-            with run_program(command, self.folder, self.declaration.environment, place,
-                             self.declaration.largest_file * 2 ** 20) as ended:
-                self._check(ended, paths["result"])
-                return Product(self._table(paths["result"], handed), self._report(paths["events"]), method | chosen,
-                               ended.cpu_s)
-
-    def _check(self, ended: Ended, result: Path) -> None:
-        """Raise what the end of the program stands for."""
-        if ended.code == REFUSAL:
-            raise Refused(ended.said or f"{self.name} ended with exit code {REFUSAL}, a refusal, and printed no reason")
-        most = self.declaration.largest_file
-        full = [path.name for path in result.parent.iterdir() if path.stat().st_size >= most * 2 ** 20]
-        too_much = f"; {' and '.join(full)}: reached the limit of {most} MiB" if full else ""
-        if ended.code != 0 or too_much:
-            raise EngineFailure(f"{self.name}: {ended.words}{too_much}")
-        if not result.is_file():
-            raise BadTrajectory(f"{self.name} returned no file; expected one at {{result}}: {ended.words}")
-
-    def _table(self, path: Path, scene: Scene) -> ResultTable:
-        with results_of(self.name):
-            return read_result(path, scene)
+            most = declared.largest_file * _MIB
+            ended = run_program([str(self._program), *declared.arguments(values, words)], self.folder,
+                                declared.environment, place / "printed.txt", most)
+            if ended.code == REFUSAL:
+                raise Refused(ended.said or f"{self.name} ended with exit code {REFUSAL}, a refusal, and printed no "
+                                            "reason")
+            full = [path.name for path in place.iterdir() if path.stat().st_size >= most]
+            too_much = f"; {' and '.join(full)}: reached the limit of {declared.largest_file} MiB" if full else ""
+            if ended.code != 0 or too_much:
+                raise EngineFailure(f"{self.name}: {ended.words}{too_much}")
+            if not files["result"].is_file():
+                raise BadTrajectory(f"{self.name} returned no file; expected one at {{result}}: {ended.words}")
+            with self.reading():
+                table = result_table(files["result"], handed)
+            return Product(table, self._report(files["events"]), method | chosen, ended.cpu_s)
 
     def _report(self, path: Path) -> _Report:
-        if not path.is_file():
-            return _Report()
         try:
-            return _Report.model_validate(json.loads(path.read_text(encoding="utf-8")))
+            return _Report.model_validate(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else _Report()
         except ValidationError as error:
-            problem = next(problems_in_tables(error, _Report, {"events": _Event}))
-            raise BadTrajectory(f"{self.name} returned events that cannot be used: {problem}") from None
+            wrong = f"cannot be used: {next(problems_in_tables(error, _Report, {'events': _Event}))}"
         except ValueError as error:
-            raise BadTrajectory(f"{self.name} returned events that are not JSON: {error}") from None
+            wrong = f"are not JSON: {error}"
+        raise BadTrajectory(f"{self.name} returned events that {wrong}")
 
     def _events(self, made: Product, columns: Mapping[str, np.ndarray], t_end: float) -> Iterator[Event]:
         """Events with the two rows that the table has at their times."""
-        table = made.table
-        instants = table.t[table.first]
+        sides = list(made.table.jumps(columns))
+        times = np.array([time for time, *_ in sides])
         for event in made.report.events:
-            i = int(np.argmin(np.abs(instants - event.time)))
-            sides = [int(rows[i]) for rows in (table.first, table.last)]
-            if abs(instants[i] - event.time) > _SAME * t_end or sides[0] == sides[1]:
+            near = np.flatnonzero(np.abs(times - event.time) <= _SAME * t_end)
+            if not len(near):
                 raise BadTrajectory(f"{self.name} returned {event.kind} of {event.joint} at t = {event.time:.12g} s; "
                                     "expected two rows of the result at that time, before and after it")
-            before, after = rows_of({name: values[sides] for name, values in columns.items()})
-            yield Event(float(instants[i]), event.kind, event.joint, before, after)
-
-
-def _read(file: Path) -> Declaration:
-    declaration = read_declaration(file, Declaration, ProgramError, Declared)
-    if declaration.name in BUILT_IN:
-        raise ProgramError(str(file), [Problem("name", shown(declaration.name), "expected another name: an engine of "
-                                               "the suite has it")])
-    return declaration
+            time, before, after = sides[near[0]]
+            yield Event(time, event.kind, event.joint, before, after)
 
 
 @lru_cache(maxsize=64)
-def _digest(path: Path, changed_ns: int, size: int) -> bytes:
-    """Digest of a file, read again where its time or its size has changed."""
-    return hashlib.sha256(path.read_bytes()).digest()
-
-
-@lru_cache(maxsize=64)
-def _answer(name: str, command: tuple[str, ...], folder: Path, environment: tuple[tuple[str, str], ...],
-            digests: bytes) -> str:
-    """The first line that the version command prints; asked again where a file of the command has changed."""
-    with (TemporaryDirectory(prefix="stiction-program-") as scratch,
-          run_program(command, folder, dict(environment), Path(scratch), 2 ** 20, VERSION_S) as ended):
-        lines = (Path(scratch) / "printed.txt").read_text(errors="replace").split("\n") if ended.code == 0 else [""]
-    if ended.code != 0 or not (line := lines[0].strip()):
-        raise EngineBroken(f"{name}: its version command fails: {' '.join(command)}: {ended.words}; expected a line "
-                           "with the version")
-    return line[:80]
+def _answer(command: tuple[str, ...], folder: Path, environment: tuple[tuple[str, str], ...],
+            files: tuple[tuple[Path, int, int], ...]) -> tuple[str, str]:
+    """First line that the version command prints, or none and its end; asked again where one of `files` has changed."""
+    with TemporaryDirectory(prefix="stiction-program-") as scratch:
+        log = Path(scratch) / "printed.txt"
+        ended = run_program(command, folder, dict(environment), log, _MIB, VERSION_S)
+        first = log.read_text(errors="replace").partition("\n")[0] if ended.code == 0 else ""
+    return first.strip()[:80], ended.words

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -12,7 +12,7 @@ from pydantic import StrictBool, StrictStr, ValidationError
 
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES
 from stiction.engines.protocol import BadTrajectory, Capabilities, Engine
-from stiction.scenes import FileError, Scene, SceneError
+from stiction.scenes import Cost, Event, FileError, Scene, Trajectory
 from stiction.scenes.errors import problems_in_tables
 from stiction.scenes.fields import Model
 from stiction.scenes.loading import read_toml
@@ -27,33 +27,20 @@ DIFFERENCES = "differences of velocities (adapter)"
 
 
 class Declared(Model):
-    """Capabilities that a file declares; see `stiction.engines.Capabilities`."""
+    """Capabilities, as `stiction.engines.program.declaration` shows them."""
 
     fidelity: Literal["joint", "contact"] = "joint"
-    """`"joint"` or `"contact"`"""
     friction_law: StrictStr = ""
-    """In words; empty where it has no friction"""
     static_coefficient: StrictBool = False
-    """Whether it has mus > mu"""
     regularized: StrictBool = False
-    """Whether friction may leave Coulomb's cone"""
     impulses: StrictBool = False
-    """Whether steps exchange impulses between velocities"""
     adaptive: StrictBool = False
-    """Whether it takes a tolerance instead of a step"""
     locates_events: StrictBool = False
-    """Whether it reports the events of its runs"""
     order: StrictStr = "unknown"
-    """Order of convergence that it promises"""
 
 
 class DeclaredEngine(Engine):
-    """Base of engines with declared capabilities.
-
-    Attributes
-    ----------
-    declared : Declared
-    """
+    """Base of engines with declared capabilities."""
 
     declared: Declared
 
@@ -85,61 +72,61 @@ class DeclaredEngine(Engine):
                         f"{guide.static_coefficient:g} is not mu = {guide.mu:g}")
         return None
 
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Make what is wrong with a table a `BadTrajectory` of this engine."""
+        try:
+            yield
+        except FileError as error:
+            raise BadTrajectory(f"{self.name} returned a result that cannot be used: "
+                                + "; ".join(map(str, error.problems))) from None
 
-def read_declaration(file: Path, model: type[Declaration], error: type[FileError],
-                     capabilities: type[Declared]) -> Declaration:
-    """Read a TOML file of a model whose table ``capabilities`` is of another.
+    def trajectory(self, scene: Scene, table: ResultTable,
+                   events: Callable[[Mapping[str, np.ndarray]], Iterable[Event]], settings: Mapping[str, Any],
+                   cost: Cost, termination: str) -> Trajectory:
+        """Return the trajectory of a table, `events` taken from all its columns.
 
-    Raises
-    ------
-    FileError
-        Of the class `error`, with all problems of the file at once.
-    """
+        Accelerations that it does not have are differences of its velocities, which a setting says.
+
+        Raises
+        ------
+        BadTrajectory
+            If columns are missing that nothing else gives.
+        """
+        from stiction.reference_impl.multibody.reactions import recover_columns  # compiles
+
+        if missing := [column for column in state_columns(scene) if column not in table.columns]:
+            raise BadTrajectory(f"{self.name} returned no column {', '.join(missing[:4])}{', ..' * (len(missing) > 4)};"
+                                " expected positions and velocities of all bodies")
+        found, made = dict(table.columns), {}
+        for body in scene.bodies:
+            for velocity, acceleration in zip(VELOCITIES, ACCELERATIONS):
+                if (column := f"{body}.{acceleration}") not in found:
+                    if len(table.first) < max(2, len(table.t)):
+                        raise BadTrajectory(f"{self.name} returned no column {column}; expected accelerations where a "
+                                            "time has two rows, or the run a single one")
+                    found[column] = np.gradient(found[f"{body}.{velocity}"], table.t)
+                    made = {"accelerations": DIFFERENCES}
+        q, v, a = (stacked(found, scene.bodies, labels) for labels in (POSITIONS, VELOCITIES, ACCELERATIONS))
+        columns = recover_columns(scene, table.t, q, v, a, {
+            name: values for name, values in found.items() if name.rpartition(".")[0] not in scene.bodies}) | found
+        fidelity = self.declared.fidelity
+        return Trajectory(
+            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=table.t[table.last],
+            columns={name: values[table.last] for name, values in columns.items()}, events=tuple(events(columns)),
+            settings={**settings, **made, "friction_law": self.capabilities.friction_law[fidelity]}, cost=cost,
+            termination=termination)
+
+
+def read_declaration(file: Path, model: type[Declaration]) -> Declaration:
+    """Read a TOML file of a model; a FileError has all its problems at once."""
     try:
         return model.model_validate(read_toml(file, str(file)))
-    except SceneError as found:  # of the file itself
-        raise error(str(file), found.problems) from None
     except ValidationError as found:
-        raise error(str(file), problems_in_tables(found, model, {"capabilities": capabilities})) from None
-
-
-@contextmanager
-def results_of(name: str) -> Iterator[None]:
-    """Make what is wrong with a table a `BadTrajectory` of the engine of this name."""
-    try:
-        yield
-    except FileError as error:
-        raise BadTrajectory(f"{name} returned a result that cannot be used: "
-                            + "; ".join(map(str, error.problems))) from None
+        capabilities: Any = model.model_fields["capabilities"].annotation
+        raise FileError(str(file), problems_in_tables(found, model, {"capabilities": capabilities})) from None
 
 
 def state_columns(scene: Scene) -> list[str]:
     """Names of the columns that a table of an engine must have: positions and velocities of all bodies."""
     return [f"{body}.{label}" for body in scene.bodies for label in POSITIONS + VELOCITIES]
-
-
-def all_columns(scene: Scene, table: ResultTable, name: str) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """All columns at all rows of a table, and a setting that says so where accelerations are differences.
-
-    Raises
-    ------
-    BadTrajectory
-        Of the engine of this name, if columns are missing that nothing else gives.
-    """
-    from stiction.reference_impl.multibody.reactions import recover_columns  # compiles
-
-    if missing := [column for column in state_columns(scene) if column not in table]:
-        raise BadTrajectory(f"{name} returned no column {', '.join(missing[:4])}{', ..' * (len(missing) > 4)}; "
-                            "expected positions and velocities of all bodies")
-    found, made = dict(table.columns), {}
-    for body in scene.bodies:
-        for velocity, acceleration in zip(VELOCITIES, ACCELERATIONS):
-            if (column := f"{body}.{acceleration}") not in found:
-                if len(table.first) < max(2, len(table.t)):
-                    raise BadTrajectory(f"{name} returned no column {column}; expected accelerations where a time has "
-                                        "two rows, or the run a single one")
-                found[column], made = np.gradient(found[f"{body}.{velocity}"], table.t), {"accelerations": DIFFERENCES}
-    q, v, a = (stacked(found, scene.bodies, labels) for labels in (POSITIONS, VELOCITIES, ACCELERATIONS))
-    states = {f"{body}.{label}" for body in scene.bodies for label in POSITIONS + VELOCITIES + ACCELERATIONS}
-    reported = {column: values for column, values in found.items() if column not in states}
-    return recover_columns(scene, table.t, q, v, a, reported) | found, made

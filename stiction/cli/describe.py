@@ -12,7 +12,7 @@ import typer
 
 from stiction.cli.exit_codes import FAILED, ended
 from stiction.cli.options import Overrides, SceneName, Timeout, check_written, scene_of
-from stiction.cli.render import EVENTS_SHOWN, show
+from stiction.cli.render import EVENTS_SHOWN, announce, show
 
 if TYPE_CHECKING:
     from stiction.engines import Engine, EngineMissing
@@ -47,7 +47,7 @@ def list_engines(name: Annotated[str | None, typer.Argument(
         "first that is.")] = False, timeout: Timeout = 120) -> None:
     """List the engines: version or why it is missing, fidelities, friction law and who supplies it."""
     if try_it:
-        _try(name, timeout)
+        _try(name or "", timeout)
         return
     if name is not None:
         _describe(name)
@@ -130,13 +130,11 @@ def export(scene: SceneName, overrides: Overrides = [],
         print(out)
 
 
-def _try(name: str | None, timeout: float) -> None:
+def _try(name: str, timeout: float) -> None:
     from stiction.comparisons.conformance import conformance
-    from stiction.engines.registry import PROGRAM, absolute_name
 
-    if name is None or not name.endswith(PROGRAM):
-        raise typer.BadParameter(f"found {name or 'nothing'}; expected a program's FILE.toml", param_hint="NAME")
-    for trial in conformance(absolute_name(name), timeout):
+    announce(f"{name}: four scenes, up to {timeout:g} s each")
+    for trial in conformance(name, timeout):
         print(f"{trial.scene}: {trial.verdict}: " + "\n  ".join(trial.words))
     if trial.verdict not in ("right", "refused"):
         raise ended(FAILED, f"{name}: {trial.scene}: {trial.verdict}")

@@ -9,7 +9,7 @@ import typer
 
 from stiction.cli.exit_codes import BAD_INPUT, FAILED, REGRESSED, ended
 from stiction.cli.options import EndTime, Overrides, about, listed, positive, scene_of
-from stiction.cli.render import progress, show, show_table
+from stiction.cli.render import announce, progress, show, show_table
 
 if TYPE_CHECKING:
     from stiction.comparisons.judgement import Judgement
@@ -54,15 +54,15 @@ def judge(scene: Annotated[str, typer.Argument(
     is_folder = is_truth_folder(scene)
     if is_folder and overrides:
         raise typer.BadParameter("found it with the folder of a truth; expected a scene", param_hint="--set")
+    announce(f"solving {scene} by another method, and comparing")
     judged = judged_by(scene if is_folder else scene_of(scene, overrides), result, mapping, sizes, t_end)
-    print(f"{result} on {judged.scene.name}")
-    print(judged)
-    print()
+    print(f"{result} on {judged.scene.name}\n{judged}\n")
     for view in judged.presentation.tables[:1]:
         show(view.heads(), view.cells())
     if out is not None:
         print(write_judgement(judged, out))
-    _end(judged, max_error)
+    if verdict := _verdict(judged, max_error):
+        raise ended(*verdict)
 
 
 @commands.command()
@@ -71,11 +71,11 @@ def dataset(folder: Annotated[Path, typer.Argument(
             scenes: Annotated[list[str] | None, typer.Option(
                 "--scenes", metavar="A,B,..", help="Scenes of the catalogue; all if not given.")] = None) -> None:
     """Write the truths of the catalogue's scenes for people without stiction: tables, events, proofs, a README."""
-    from stiction.reports.dataset import MAIN, scene_names, write_dataset
+    from stiction.reports.dataset import MAIN, write_dataset
     from stiction.reports.run_folder.overwriting import check_folder
-    from stiction.scenes import scene_text
+    from stiction.scenes import catalogue, scene_text
 
-    names = listed(scenes) if scenes else scene_names()
+    names = listed(scenes) if scenes else [*catalogue(), *catalogue("hard")]
     for name in names:
         scene_text(name)  # refuses what the catalogue does not have
     with about("FOLDER"):
@@ -89,22 +89,23 @@ def dataset(folder: Annotated[Path, typer.Argument(
     print(folder / MAIN)
 
 
-def _end(judged: Judgement, max_error: float | None) -> None:
-    """End with an exit code where the table is misread, or misses the bound."""
+def _verdict(judged: Judgement, max_error: float | None) -> tuple[int, str] | None:
+    """Exit code and reason of a table that is misread, or misses the bound."""
+    origin, error, unsure = judged.table.origin, judged.error, judged.uncertainty
     if judged.is_misread:
-        raise ended(BAD_INPUT, f"{judged.table.origin}: " + "; ".join(
-            f"{', '.join(columns)}: {cause}" for cause, columns in judged.hints.items()))
+        return BAD_INPUT, f"{origin}: " + "; ".join(f"{', '.join(columns)}: {cause}"
+                                                    for cause, columns in judged.hints.items())
     if max_error is None:
-        return
-    if judged.error is None or judged.uncertainty is None:
-        raise ended(BAD_INPUT, "--max-error: found no position with a known truth; expected one or more")
-    if judged.uncertainty >= max_error:
-        raise ended(BAD_INPUT, f"--max-error: found {max_error:g} m; expected more than the uncertainty of the truth, "
-                               f"{judged.uncertainty:.2g} m")
+        return None
+    if error is None or unsure is None:
+        return BAD_INPUT, "--max-error: found no position with a known truth; expected one or more"
+    if unsure >= max_error:
+        return BAD_INPUT, (f"--max-error: found {max_error:g} m; expected more than the uncertainty of the truth, "
+                           f"{unsure:.2g} m")
     if not judged.is_complete:
-        raise ended(REGRESSED, f"{judged.table.origin}: found times from {judged.trajectory.t[0]:g} to "
-                               f"{judged.trajectory.t[-1]:g} s; expected 0 to {judged.scene.t_end:g} s (--t-end says "
-                               "otherwise)")
-    if judged.error > max_error:
-        raise ended(REGRESSED, f"{judged.table.origin}: position error {judged.error:.3g} m; expected at most "
-                               f"{max_error:g} m")
+        t = judged.trajectory.t
+        return REGRESSED, (f"{origin}: found times from {t[0]:g} to {t[-1]:g} s; expected 0 to {judged.scene.t_end:g} "
+                           "s (--t-end says otherwise)")
+    if error > max_error:
+        return REGRESSED, f"{origin}: position error {error:.3g} m; expected at most {max_error:g} m"
+    return None

@@ -76,7 +76,7 @@ def _engines(given: list[str]) -> list[str]:
 
 def _engine(name: str | None) -> str | None:
     """The name of an engine as child processes know it."""
-    if name is None or not name.endswith((".toml", ".fmu")):
+    if name is None or "." not in name:
         return name  # without the import
     from stiction.engines.registry import absolute_name
 

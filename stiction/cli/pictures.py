@@ -109,9 +109,13 @@ def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | 
         with whole_file(plot) as partial:
             trajectory.plot().write(partial, plot.suffix.lower().removeprefix("."))
         print(plot)
-    if animation is not None and trajectory.mechanism is not None:
+    if animation is not None:
+        from stiction.scenes import InputError
         from stiction.scenes.pictures.animation import animate
 
+        if trajectory.mechanism is None:
+            raise InputError(f"--animate: found a trajectory of {trajectory.scene} without its mechanism; expected one "
+                             "that knows it")
         with whole_file(animation) as partial:
             animate(trajectory.mechanism, trajectory, partial, animation.suffix.lower())
         print(animation)

@@ -90,6 +90,12 @@ def progress(title: str) -> Iterator[Progress]:
         say(f"{result.label} ended with a bug:\n{result.traceback}")
 
 
+def announce(words: str) -> None:
+    """Say what is waited for, if somebody sits at a terminal."""
+    if sys.stderr.isatty():
+        say(f"{words} ..")
+
+
 def left(started: float, share: float) -> str:
     """``3 min left``, by the time that a share (0 < share <= 1) of the work has taken since `started`."""
     return f"{duration((time.monotonic() - started) * (1 / share - 1))} left"

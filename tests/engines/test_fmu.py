@@ -255,6 +255,20 @@ def test_a_script_that_fails_says_why(scripted):
         engine.simulate(scene, logging=3)
 
 
+def test_nothing_of_one_that_hangs_is_left(scripted, tmp_path):
+    mark = tmp_path / "where"
+    text = f'import time; open({str(mark)!r}, "w").write(__file__); time.sleep(600); h, v = step_size, self.v'
+    [hung] = run_isolated([Job("hangs", str(scripted("h, v = step_size, self.v", text).file), load_scene(CASES[0]))], timeout_s=15)
+    assert hung.status == "timed out" and not Path(mark.read_text()).exists()
+
+
+def test_a_unit_without_a_definition_is_named(scripted):
+    engine = scripted()
+    next(one for one in engine.variables.description.modelVariables if one.name == "bar.x").unit = "furlong"
+    run = engine.simulate(load_scene(CASES[0]), t_end=0.1, dt=1e-2)
+    assert "furlong" in [value for key, value in run.settings.items() if "definition" in key]
+
+
 def test_a_step_that_is_not_taken(scripted, monkeypatch):
     """An FMU that discards a step ends its run, or says that it goes on and stays where it is."""
     engine, scene = scripted("        self.out = self.columns()\n        return True", "        return self.t < 0.5"), load_scene(CASES[0])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stiction import InputError, energies, load_engine, load_scene
+from stiction.reference_impl.energies import needed_columns, unaccounted_energy
 
 
 def test_a_pendulum_keeps_its_energy():
@@ -37,3 +38,21 @@ def test_what_is_missing_is_named():
     short = dataclasses.replace(run, columns={name: run[name] for name in run.columns if name != "motor.effort"}, events=())
     with pytest.raises(InputError, match="motor.effort"):
         energies(short)
+
+
+@pytest.mark.parametrize("name", ["slider-bar-case-1", "elliptic-trammel", "slider-crank", "mass-on-belt", "slider-on-moving-guide"])
+def test_motions_of_the_reference_account_for_all_of_it(name):
+    run = load_engine("reference").simulate(load_scene(name), t_end=4.0, rtol=1e-10, output_step=2e-3)
+    frame = run.to_frame(events=True)
+    columns = {column: frame[column].to_numpy(float) for column in needed_columns(load_scene(name))}
+    left, unsure, exchanged = unaccounted_energy(load_scene(name), frame["t"].to_numpy(), columns)
+    assert left <= unsure + 1e-9 * exchanged and unsure < 1e-3 * exchanged and exchanged > 0
+
+
+def test_weight_of_a_falling_body():
+    """A pendulum that is said to fall by 1 m without gaining speed has lost m g of energy."""
+    scene, t = load_scene("pendulum"), np.linspace(0, 1, 101)
+    [body] = scene.bodies
+    columns = {name: np.zeros_like(t) for name in needed_columns(scene)}
+    columns |= {f"{body}.x": np.ones_like(t), f"{body}.y": -t, f"{body}.vy": np.full_like(t, -1.0)}
+    assert unaccounted_energy(scene, t, columns)[0] == pytest.approx(-scene.bodies[body].mass * scene.gravity[1], rel=1e-9)

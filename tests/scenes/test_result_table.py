@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from stiction.scenes import InputError, load_scene
-from stiction.scenes.result_table import ResultError, parse_map, parse_units, read_result, result_table
+from stiction.scenes.result_table import ResultError, parse_map, parse_units, result_table
 
 SCENE = load_scene("slider-bar-case-1")
 TWO_GUIDES = load_scene("elliptic-trammel")
@@ -22,18 +22,18 @@ def test_columns_keep_every_digit_through_csv_and_parquet(tmp_path):
     frame.to_csv(tmp_path / "r.csv", index=False)
     frame.to_parquet(tmp_path / "r.parquet")
     for name in ("r.csv", "r.parquet"):
-        found = read_result(tmp_path / name, SCENE)
+        found = result_table(tmp_path / name, SCENE)
         assert np.array_equal(found.t, frame["t"])
-        assert np.array_equal(found["slider.x"], frame["slider.x"])
-        assert np.array_equal(found["guide.mode"], frame["guide.mode"])
+        assert np.array_equal(found.columns["slider.x"], frame["slider.x"])
+        assert np.array_equal(found.columns["guide.mode"], frame["guide.mode"])
 
 
 @pytest.mark.parametrize("text", ["# t,slider.x\n0,1\n1,2\n", "t;slider.x\n0;1\n1;2\n", "t\tslider.x\n0\t1\n1\t2\n",
                                   "\ufefft, slider.x\r\n0, 1\r\n1, 2\r\n", "time,slider.x,step\n0,1,0\n1,2,1\n"])
 def test_usual_ways_to_write_a_table(tmp_path, text):
     (tmp_path / "r.csv").write_text(text, encoding="utf-8")
-    found = read_result(tmp_path / "r.csv", SCENE)
-    assert found.t.tolist() == [0, 1] and found["slider.x"].tolist() == [1, 2]
+    found = result_table(tmp_path / "r.csv", SCENE)
+    assert found.t.tolist() == [0, 1] and found.columns["slider.x"].tolist() == [1, 2]
 
 
 def test_units_scale_every_column_by_its_dimension():
@@ -43,13 +43,13 @@ def test_units_scale_every_column_by_its_dimension():
     assert found.t == pytest.approx([0, 0.1, 0.2])
     expected = {"slider.x": 1e-3, "slider.vx": 1.0, "bar.omega": np.pi * 1e3, "motor.effort": 1e-3, "pin.fx": 1.0,
                 "bar.alpha": np.pi * 1e6}
-    assert {name: found[name][0] for name in expected} == pytest.approx(expected)
+    assert {name: found.columns[name][0] for name in expected} == pytest.approx(expected)
 
 
 def test_names_are_mapped_with_either_sign_or_left_out():
     frame = table(x1=[1.0, 2.0, 3.0], slidervx=[1.0, 1.0, 1.0], slider__y=["a", "b", "c"]).rename(columns={"t": "zeit"})
     found = result_table(frame, SCENE, parse_map(["zeit=t", "x1=-slider.x", "slider.y=", "slidervx=slider.vx"]))
-    assert found["slider.x"].tolist() == [-1, -2, -3]
+    assert found.columns["slider.x"].tolist() == [-1, -2, -3]
     assert set(found.columns) == {"slider.x", "slider.vx"}
 
 
@@ -60,8 +60,8 @@ def test_foreign_columns_are_left_out_by_name():
 def test_equal_times_are_two_sides():
     frame = pd.DataFrame({"t": [0, 0.5, 0.5, 1], "motor.effort": [1.0, 2.0, 3.0, 4.0]})
     found = result_table(frame, SCENE)
-    assert found["motor.effort"][found.first].tolist() == [1, 2, 4]
-    assert found["motor.effort"][found.last].tolist() == [1, 3, 4]
+    assert found.columns["motor.effort"][found.first].tolist() == [1, 2, 4]
+    assert found.columns["motor.effort"][found.last].tolist() == [1, 3, 4]
 
 
 def test_forces_may_be_open_only_where_several_guides_can_leave_them_open():
@@ -69,7 +69,7 @@ def test_forces_may_be_open_only_where_several_guides_can_leave_them_open():
     with pytest.raises(ResultError, match="row 2"):
         result_table(table(guide__friction=force), SCENE)
     guide = next(iter(TWO_GUIDES.guides))
-    assert np.isnan(result_table(table(**{f"{guide}.friction": force}), TWO_GUIDES)[f"{guide}.friction"][1])
+    assert np.isnan(result_table(table(**{f"{guide}.friction": force}), TWO_GUIDES).columns[f"{guide}.friction"][1])
 
 
 @pytest.mark.parametrize(("frame", "words"), [
@@ -102,10 +102,10 @@ def test_broken_files_are_refused(tmp_path, content):
     for name in ("r.csv", "r.parquet", "r.txt"):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(ResultError):
-            read_result(tmp_path / name, SCENE)
+            result_table(tmp_path / name, SCENE)
     for name in (tmp_path, tmp_path / "absent.csv"):
         with pytest.raises(ResultError):
-            read_result(name, SCENE)
+            result_table(name, SCENE)
 
 
 @pytest.mark.parametrize("text", ["x1", "=slider.x", ""])
@@ -115,7 +115,7 @@ def test_bad_maps(text):
 
 
 @pytest.mark.parametrize(("mapping", "words"), [({"x2": "slider.x"}, "x1"), ({"x1": "slider.xx"}, "slider.x"),
-                                                ({"x1": "slider.y"}, "second")])
+                                                ({"x1": "slider.y"}, "second"), ({"t": "-t"}, "no other sign")])
 def test_maps_of_names_that_are_not_there(mapping, words):
     with pytest.raises(ResultError, match=words):
         result_table(table(slider__y=[0.0] * 3, x1=[0.0] * 3), SCENE, mapping)

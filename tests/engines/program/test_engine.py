@@ -17,13 +17,13 @@ from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.participants import variants
 from stiction.comparisons.digest import circumstances, digest
 from stiction.comparisons.timing.rounds import seconds_of
-from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Refused, UnknownEngine, load_engine,
-                              run_isolated)
+from stiction.comparisons.variants import Record
+from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Outcome, Refused, UnknownEngine,
+                              load_engine, run_isolated)
 from stiction.engines.program import declaration
 from stiction.engines.program.declaration import Declaration
-from stiction.engines.program.engine import ProgramError
 from stiction.engines.shared.declared_engine import DIFFERENCES
-from stiction.scenes import InputError, load_scene, scene_from_dict, vary
+from stiction.scenes import FileError, InputError, load_scene, scene_from_dict, vary
 
 BALL = scene_from_dict({"t_end": 1, "gravity": [0, -10], "bodies": {"ball": {"mass": 2, "inertia": 1, "velocity": [3, 4], "angular_velocity": 5}}},
                        name="ball")
@@ -227,6 +227,16 @@ class TestFailures:
             load_engine(path)
 
 
+    def test_a_version_that_does_not_come_is_waited_for_once(self, program, tmp_path, monkeypatch):
+        monkeypatch.setattr("stiction.engines.program.engine.VERSION_S", 1.0)
+        path = program()
+        (tmp_path / "flight_version.py").write_text("open('asked', 'a').write('x')\nimport time\ntime.sleep(600)")
+        for _ in range(3):
+            with pytest.raises(EngineMissing, match="no end within 1 s"):
+                load_engine(path)
+        assert (tmp_path / "asked").read_text() == "x"
+
+
 def runs(pid):
     return psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
 
@@ -254,7 +264,7 @@ class TestDeclaration:
         ({"largest_file": 0}, "largest_file"),
     ], ids=range(19))
     def test_what_is_wrong_is_named(self, program, change, words):
-        with pytest.raises(ProgramError, match=words):
+        with pytest.raises(InputError, match=words):
             load_engine(program(**change))
 
     def test_example_of_the_module_is_one(self):
@@ -263,7 +273,7 @@ class TestDeclaration:
 
     def test_file_that_is_not_there_or_no_toml(self, tmp_path):
         (tmp_path / "x.toml").write_text("name = ")
-        with pytest.raises(ProgramError, match="file"):
+        with pytest.raises(FileError, match="file"):
             load_engine(str(tmp_path / "x.toml"))
         with pytest.raises(UnknownEngine, match="no file"):
             load_engine(str(tmp_path / "y.toml"))
@@ -289,6 +299,7 @@ class TestIdentity:
         monkeypatch.chdir(tmp_path)
         [variant] = [variant for variant in variants(["flight.toml"]) if variant.label == "flight"]
         assert variant.engine == path and variant.stands_for == "flight"
+        assert Record("key", "ball", variant, 1e-2, Outcome("key", "missing")).describe()["engine"] == "flight"
         [outcome] = run_isolated([Job("ball", "flight.toml", BALL, {"output_step": 0.1})], timeout_s=60)
         assert outcome.status == "ok", outcome
 

@@ -94,6 +94,6 @@ def _time(results: Results, variant: str) -> TracedText:
     if not len(there):
         return TracedText("")
     row = int(there[0])
-    bound = "at most " if table.at[row, "at most"] else ""
+    bound = ("at most " if table.at[row, "at most"] else "") + ("about " if table.loc[row].get("timing") else "")
     cpu = Number(f"{1e3 * table.at[row, 'cpu [s]']:.2g}", "equal-error", "cpu [s]", rows=(row + 1,), factor=1e3)
     return traced("; 1 mm takes {}{} ms of CPU in {}", bound, cpu, case_of(table.at[row, "scene"]))

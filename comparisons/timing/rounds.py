@@ -25,7 +25,6 @@ from statistics import median
 from time import process_time
 from typing import Any, TypeVar
 
-import numpy as np
 import psutil
 
 from stiction.comparisons.timing.intervals import CONFIDENCE, Interval, median_interval
@@ -54,9 +53,7 @@ KERNELS = 9
 WIDE = 0.25
 """Width of an interval, in units of the median, from which on a time is called unsure."""
 BUSY = 0.25
-"""Cores kept busy by others from which on that is reported: a system that idles stays below a tenth of one."""
-SWING = 0.1
-"""Part of its median by which the calibration kernel's time may differ between rounds before that is reported."""
+"""Cores kept busy by others from which on a round is disturbed: a system that idles stays below a tenth of one."""
 SHORTEST = 0.5
 """s; times of a system are counted in steps of 10 ms, one per core: a shorter load is not known."""
 
@@ -247,20 +244,28 @@ class Timing:
     @property
     def note(self) -> str:
         """Reasons why the time is unsure; empty where it is not."""
-        return "; ".join(filter(None, [self.reason, *self._doubts()]))
+        return "; ".join(filter(None, [self.reason, *doubts(self.interval("own_s"), self.others)]))
 
-    def _doubts(self) -> Iterator[str]:
-        if not self.samples:
-            return
-        found, count = self.interval("own_s"), len(self.samples)
-        if found.level < CONFIDENCE:
-            yield f"{count} rounds are too few for an interval" if count > 1 else "timed once"
-        elif found.width > WIDE:
-            low, high = found.low / found.value, found.high / found.value
-            yield f"unsure: {low:.2f} to {high:.2f} of the median after {count} rounds"
-        loads = np.array(self.others[:count], dtype=float)
-        if (busy := int(np.sum(loads > BUSY))):
-            yield f"others kept up to {np.nanmax(loads):.1f} cores busy in {busy} of {count} rounds"
-        kernel = np.array([sample.kernel_s for sample in self.samples])
-        if (swing := float(np.ptp(kernel) / np.median(kernel))) > SWING:
-            yield f"the machine's speed changed by {100 * swing:.0f} % between rounds"
+
+def doubts(time: Interval, loads: Sequence[float]) -> Iterator[str]:
+    """Yield the reasons why a median of times is unsure; none without samples.
+
+    Load counts where at least half of the rounds have it: with fewer disturbed samples a median still lies within the
+    others (its breakdown point is 1/2: Huber & Ronchetti, Robust Statistics, 2nd ed., 2009, Sect. 1.4). A machine whose
+    speed changes makes the interval itself wide.
+
+    Parameters
+    ----------
+    loads
+        Cores that other work kept busy, by round; nan where that is not known.
+    """
+    if not time.samples:
+        return
+    if time.level < CONFIDENCE:
+        yield f"{time.samples} rounds are too few for an interval" if time.samples > 1 else "timed once"
+    elif time.width > WIDE:
+        low, high = time.low / time.value, time.high / time.value
+        yield f"unsure: {low:.2f} to {high:.2f} of the median after {time.samples} rounds"
+    busy = [load for load in loads if load > BUSY]
+    if 2 * len(busy) >= time.samples:
+        yield f"others kept up to {max(busy):.1f} cores busy in {len(busy)} of {time.samples} rounds"

@@ -28,7 +28,8 @@ HOW_TO_READ = (
     "Reference, paper's scheme and Moreau are solvers of this suite; the truth uses none of them. Errors and drift are "
     "the worst of all cases, at the step nearest to 1 ms that was run, or the tightest tolerance; CPU time and stick "
     "limit are of the first case, the limit at its finest step. > 110: a run of 110 ms is not exact to 1 mm, and no "
-    "longer one was timed. ~: unsure, of few rounds, with a wide interval or on a busy machine. An unread jump counts with its whole size. Joint: ideal guides with a friction law on them. "
+    "longer one was timed. ~: unsure, of few rounds, with a wide interval or on a busy machine. "
+    "An unread jump counts with its whole size. Joint: ideal guides with a friction law on them. "
     "Contact: the slider touches two surfaces. mus = mu: the engine has one coefficient of friction, and its truth "
     "has, too. Compare methods within a group only.")
 
@@ -123,7 +124,8 @@ def runs_in_words(results: Results) -> TracedText:
              for status in made.loc[~ok, "status"].unique()]
     if early:
         parts.append(traced("{} of those ended early", count("runs", table, status="ok", reason=early)))
-    others = " Some of other studies failed or ended early: `failures.md`." if set(failed_runs(results)["table"]) - {"runs"} else ""
+    elsewhere = set(failed_runs(results)["table"]) - {"runs"}
+    others = " Some of other studies failed or ended early: `failures.md`." if elsewhere else ""
     if not parts:
         return traced("All {} compared runs succeeded.{}", count("runs", table, status="ok"), others)
     everything = count("runs", table, status=frozenset(made["status"]))

@@ -224,8 +224,8 @@ def _disturbed(cost: pd.DataFrame) -> TracedText:
     if not _is_disturbed(cost).any():
         return TracedText()
     marked, rounds = frozenset(cost.loc[_is_disturbed(cost), TIMING]), frozenset(cost.loc[_is_timed(cost), "repeats"])
-    return traced("{} of {} timings are unsure (~): of fewer than five rounds, with an interval wider than a quarter, or "
-                  "with other programs in half of the rounds.", count("cost", cost, **{TIMING: marked, "repeats": rounds}),
+    return traced("{} of {} timings are marked ~, as unsure: fewer than five rounds, an interval wider than a quarter, "
+                  "or other programs in half of the rounds.", count("cost", cost, **{TIMING: marked, "repeats": rounds}),
                   count("cost", cost, repeats=rounds))
 
 

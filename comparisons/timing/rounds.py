@@ -6,9 +6,8 @@ of the gate that the run has passed before. Times are CPU times of the process t
 All runs that are to be compared are timed in rounds, one at a time: each round visits every run once, in turns forwards
 and backwards, so that a machine that becomes slower does so for all. A visit repeats a short run for `BLOCK` seconds
 after one run that is not counted, and its sample is their median: what lasts as long as a visit counts once. All runs
-have equally many samples, slow ones and fast ones: as many rounds as required at least, and more until the intervals of
-all medians (`stiction.comparisons.timing.intervals`) are narrow, up to `MOST`, where a round takes no more than `ROUND`
-seconds.
+have as many rounds as required, slow ones and fast ones. Those whose interval (`stiction.comparisons.timing.intervals`)
+is `WIDE` then have more, up to `MOST`.
 
 The calibration kernel (`reduced_integrator.calibration_kernel`) is timed in each visit before and after the run, and
 each round has the load by others. No time is corrected by either: they show how far it can be trusted.
@@ -40,18 +39,14 @@ T = TypeVar("T")
 LEAST, MOST = 5, 8
 """Rounds that an interval of the level `intervals.CONFIDENCE` takes, and the first number of them at which it leaves
 out the smallest and the largest sample: a time stays as unsure as it is then."""
-NARROW = 0.05
-"""Width of an interval, in units of the median, at which more rounds are not worth their time."""
 BLOCK, REPEATS = 0.02, 40
 """CPU seconds for which a visit repeats a run, and the largest number of repeats."""
 LONG = 0.1
 """CPU seconds; a longer run is made once a visit, its first call included."""
-ROUND = 20.0
-"""CPU seconds of the runs of a round up to which there are rounds beyond those required: one minute at most."""
 KERNELS = 9
 """Times that the calibration kernel is run before and after a run."""
 WIDE = 0.25
-"""Width of an interval, in units of the median, from which on a time is called unsure."""
+"""Width of an interval, in units of the median, from which on a time is unsure, and there are more rounds of it."""
 BUSY = 0.25
 """Cores kept busy by others from which on a round is disturbed: a system that idles stays below a tenth of one."""
 SHORTEST = 0.5
@@ -146,7 +141,7 @@ def _cpu_s() -> float:
 
 
 def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], seconds: Callable[[S], float],
-              least: int = LEAST, visited: Callable[[S], float] | None = None, most: int = MOST) -> dict[K, list[S]]:
+              least: int = LEAST, most: int = MOST) -> dict[K, list[S]]:
     """Samples of several runs that are timed in turns.
 
     Parameters
@@ -158,10 +153,7 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
     seconds
         Time of a sample whose interval is to become narrow.
     least
-        Rounds at least. Where they are `LEAST` or more, there are up to `most`, of all keys, until all are `NARROW`,
-        unless a round takes more than `ROUND`.
-    visited
-        Time of one run in all, if that is more than `seconds`: an engine's own time may be a small part of it.
+        Rounds at least. Where they are `LEAST` or more, there are up to `most` of the keys that are still `WIDE`.
 
     Returns
     -------
@@ -175,16 +167,10 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
         for key, sample in one_round(left if number % 2 else left[::-1]).items():
             samples[key].append(sample)
         left = [key for key in left if len(samples[key]) == number]
-        more = LEAST <= least <= number < most and _another([samples[key] for key in left], seconds, visited or seconds)
-        if number >= least and not more:
-            break
+        if number >= least:
+            more = LEAST <= least and number < most
+            left = [key for key in left if more and median_interval([*map(seconds, samples[key])]).width > WIDE]
     return samples
-
-
-def _another(samples: Sequence[Sequence[S]], seconds: Callable[[S], float], visited: Callable[[S], float]) -> bool:
-    """Tell if an interval is still wide and another round is not too long."""
-    length = sum(median(map(visited, each)) for each in samples)
-    return length <= ROUND and any(median_interval(list(map(seconds, each))).width > NARROW for each in samples)
 
 
 @dataclass(frozen=True)

@@ -224,9 +224,9 @@ def _disturbed(cost: pd.DataFrame) -> TracedText:
     if not _is_disturbed(cost).any():
         return TracedText()
     marked, rounds = frozenset(cost.loc[_is_disturbed(cost), TIMING]), frozenset(cost.loc[_is_timed(cost), "repeats"])
-    return traced("{} of {} timings are marked ~, as unsure: fewer than five rounds, an interval wider than a quarter, "
-                  "or other programs in half of the rounds.", count("cost", cost, **{TIMING: marked, "repeats": rounds}),
-                  count("cost", cost, repeats=rounds))
+    return traced("{} of {} timings are marked ~, as unsure: fewer than five rounds, an interval wider than a "
+                  "quarter, or other programs in half of the rounds.",
+                  count("cost", cost, **{TIMING: marked, "repeats": rounds}), count("cost", cost, repeats=rounds))
 
 
 def _headlines(results: Results, cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> tuple[Headline, ...]:
@@ -269,7 +269,8 @@ def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> Ta
 
 def _cells(time: Mapping[Hashable, Any], error: float, sign: str) -> dict[str, object]:
     """Columns of the time to an error, which may be a bound."""
-    return {f"{TOTAL} {error:g}": time[TOTAL], f"{OWN_CPU} {error:g}": time[OWN_CPU], f"bound {error:g}": _sign(time, sign)}
+    return {f"{TOTAL} {error:g}": time[TOTAL], f"{OWN_CPU} {error:g}": time[OWN_CPU],
+            f"bound {error:g}": _sign(time, sign)}
 
 
 def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
@@ -321,7 +322,7 @@ def _figure(cost: pd.DataFrame) -> Chart:
     return Chart("work-precision", "Position error over total CPU time, a line a refinement series: down and to the "
                  "left is better. A row of panels holds methods at the same fidelity and physics. *: our adapter does "
                  "a part of the work, the friction law or the location of events, whose time is included.",
-                 row_by_row(panels, len(scenes)), len(scenes), ROW_HEIGHT, share_x=True)
+                 row_by_row(panels, len(scenes) or 1), len(scenes) or 1, ROW_HEIGHT, share_x=True)
 
 
 def _methods(rows: pd.DataFrame) -> list[str]:

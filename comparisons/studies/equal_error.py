@@ -111,8 +111,8 @@ def equal_error(runs: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
     DataFrame
         `COLUMNS`: ``truth``, its name (that with mus = mu is another); ``quantity`` of `QUANTITIES`, ``error`` in its
         ``unit``; median and interval of the time to it, inside the engine's own calls and in total, with their
-        `LEVEL`, and `TIMING`, the reasons why it is unsure; empty where no run reaches it; ``at most``: the coarsest run already meets it; `SMALLEST` error on
-        this scene; over all scenes the fields of `Limit`.
+        `LEVEL`, and `TIMING`, the reasons why it is unsure; empty where no run reaches it; ``at most``: the coarsest
+        run already meets it; `SMALLEST` error on this scene; over all scenes the fields of `Limit`.
     """
     limits = {(quantity.name, variant): limit_of(series, quantity, accelerations_of(series, runs))
               for quantity in QUANTITIES for variant, series in runs.groupby("variant", sort=False)}
@@ -169,7 +169,7 @@ def time_to(series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, tar
 
 
 def rounds_to(series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, target: float) -> pd.DataFrame | None:
-    """Time to an error by round, `OWN_CPU` and `TOTAL`, and the load by others; for a ratio to another variant's of the same round."""
+    """Time to an error by round, `OWN_CPU`, `TOTAL` and load by others; for a ratio to another's of the same round."""
     rows = series[succeeded(series)]
     sizes, keys = _sizes(rows, quantity).to_numpy(), list(rows["key"])
     times = {key: part.set_index("round")[[OWN_CPU, TOTAL, OTHERS]]

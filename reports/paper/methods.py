@@ -92,7 +92,8 @@ def _campaign(results: Results, origin: Mapping[str, Any]) -> str:
     cut = " It was interrupted: all numbers are of the runs that were made until then."
     return (f"The campaign{depth} of {origin['date'][:10]} made {len(results.records)} runs of "
             f"{', '.join(scenes) or 'no scene'}, and {timed} more for the comparisons of cost. "
-            f"Of these and of all other studies {len(failed_runs(results)) or 'none'} failed or ended early.{cut if campaign.get('interrupted') else ''}")
+            f"Of these and of all other studies {len(failed_runs(results)) or 'none'} failed or ended early."
+            f"{cut if campaign.get('interrupted') else ''}")
 
 
 def _machine(origin: Mapping[str, Any]) -> str:

@@ -36,7 +36,7 @@ def mechanism_in_words(results: Results) -> str:
     return (f"A motor turns a bar on a spring-held slider that sticks and slips in its guide{friction}. "
             f"{count} case{'s' if len(scenes) > 1 else ''} of {end:g} s{moved}. "
             f"Truth: a separate solution of the reduced equations, {tiers}, its uncertainty at most "
-            f"{rounded_up(unsure)} m. The paper's own numbers are lost in our text.")
+            f"{rounded_up(unsure)} m. The paper's own numbers are missing from our copy of it.")
 
 
 def recommendation(results: Results) -> list[TracedText]:

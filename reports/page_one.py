@@ -28,7 +28,7 @@ HOW_TO_READ = (
     "Reference, paper's scheme and Moreau are solvers of this suite; the truth uses none of them. Errors and drift are "
     "the worst of all cases, at the step nearest to 1 ms that was run, or the tightest tolerance; CPU time and stick "
     "limit are of the first case, the limit at its finest step. > 110: a run of 110 ms is not exact to 1 mm, and no "
-    "longer one was timed. ~: unsure, of few rounds, with a wide interval or on a busy machine. "
+    "longer one was timed. ~: unsure, of few rounds or with a wide interval. "
     "An unread jump counts with its whole size. Declined: by the method's own word; not judged: for a reason of our "
     "adapter, of what the engine can express, or of impulses. Joint: ideal guides with a friction law on them. "
     "Contact: the slider touches two surfaces. mus = mu: the engine has one coefficient of friction, and its truth "

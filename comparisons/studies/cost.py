@@ -21,6 +21,7 @@ from stiction.comparisons.studies.equal_error import (COLUMNS, FAILED, INTEGRATI
                                                       equal_error)
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import TIMING, TOTAL, Timed, work_precision
+from stiction.comparisons.timing.timed_runs import OTHERS
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Variant, scaled
 from stiction.scenes import Scene, load_scene
 
@@ -95,7 +96,7 @@ def present(results: Results) -> Presentation:
     equal = _times_to_position(results, cost)
     reached = equal[(equal["scene"] == first) & (equal["error"] == TARGET) & equal[TOTAL].notna()]
     findings = [_contacts(reached), _not_reached(cost, reached, first), _limited(equal, cost["scene"].nunique()),
-                _accelerations(cost, first), _set_up(cost), _disturbed(cost)]
+                _accelerations(cost, first), _set_up(cost), _unsure(cost), _load(results.table("times"))]
     tables = [_table(cost, rows, str(scene), first) for scene, rows in equal.groupby("scene", sort=False)]
     return Presentation(_answer(cost, reached, first), tuple(filter(None, findings)),
                         _headlines(results, cost, reached, first), (*tables, _limits(cost, equal), _every_run(cost)),
@@ -112,7 +113,7 @@ def _is_timed(cost: pd.DataFrame) -> pd.Series:
     return cost[TOTAL].notna() & cost["repeats"].gt(0)
 
 
-def _is_disturbed(cost: pd.DataFrame) -> pd.Series:
+def _is_unsure(cost: pd.DataFrame) -> pd.Series:
     """The timed runs whose time is unsure, for the reasons in `TIMING`."""
     return _is_timed(cost) & cost[TIMING].astype(object).fillna("").ne("")
 
@@ -220,13 +221,21 @@ def _set_up(cost: pd.DataFrame) -> TracedText:
         for name, found in longest if len(found)]))
 
 
-def _disturbed(cost: pd.DataFrame) -> TracedText:
-    if not _is_disturbed(cost).any():
+def _unsure(cost: pd.DataFrame) -> TracedText:
+    if not _is_unsure(cost).any():
         return TracedText()
-    marked, rounds = frozenset(cost.loc[_is_disturbed(cost), TIMING]), frozenset(cost.loc[_is_timed(cost), "repeats"])
-    return traced("{} of {} timings are marked ~, as unsure: fewer than five rounds, an interval wider than a "
-                  "quarter, or other programs in half of the rounds.",
-                  count("cost", cost, **{TIMING: marked, "repeats": rounds}), count("cost", cost, repeats=rounds))
+    marked, rounds = frozenset(cost.loc[_is_unsure(cost), TIMING]), frozenset(cost.loc[_is_timed(cost), "repeats"])
+    return traced("{} of {} timings are marked ~, as unsure: of fewer than five rounds, or with an interval wider than "
+                  "a quarter.", count("cost", cost, **{TIMING: marked, "repeats": rounds}),
+                  count("cost", cost, repeats=rounds))
+
+
+def _load(times: pd.DataFrame) -> TracedText:
+    """The largest load by others in a round."""
+    if OTHERS not in times or times[OTHERS].isna().all():
+        return TracedText()
+    most = value("times", times, int(times[OTHERS].idxmax()), OTHERS, ".2g")
+    return traced("Meanwhile other programs kept up to {} cores busy.", most)
 
 
 def _headlines(results: Results, cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> tuple[Headline, ...]:
@@ -282,13 +291,13 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
         row = {"variant": variant, ERROR: times[SMALLEST].max(), "order": one["order [-]"],
                "order uncertainty": one["order uncertainty [-]"], "limit": one["because"], "why": one["why"],
                "set-up cpu [s]": done[SET_UP].median(), "compile cpu [s]": done["compile [s]"].max(),
-               "disturbed": f"{_is_disturbed(runs).sum()} of {_is_timed(runs).sum()}",
+               "unsure": f"{_is_unsure(runs).sum()} of {_is_timed(runs).sum()}",
                **done.iloc[0][[FRICTION_BY, EVENTS_BY]]}
         rows.append((row, runs))
     columns = (Column("variant", "method"), Column(ERROR, "smallest error"),
                Column("order", uncertainty="order uncertainty", interval=True), Column("limit"),
                Column("set-up cpu [s]", "set-up", "ms", scale=MILLI),
-               Column("compile cpu [s]", "compilation", "ms", scale=MILLI), Column("disturbed", "timings disturbed"),
+               Column("compile cpu [s]", "compilation", "ms", scale=MILLI), Column("unsure", "timings unsure"),
                Column(FRICTION_BY, "friction law by"), Column(EVENTS_BY), Column("why"))
     caption = ("The smallest error of each refinement series (of several cases the worst), the order at its finest "
                "runs, and what limits it. Set-up: median; compilation: once a process, at most.")

@@ -34,8 +34,7 @@ from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.methods import succeeded
 from stiction.comparisons.studies.work_precision import HIGH, LEVEL, LOW, TIMING, TOTAL, TOTAL_HIGH, TOTAL_LOW
 from stiction.comparisons.timing.intervals import median_interval
-from stiction.comparisons.timing.rounds import doubts
-from stiction.comparisons.timing.timed_runs import OTHERS
+from stiction.comparisons.timing.rounds import doubt
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import OWN_CPU
 
@@ -111,7 +110,7 @@ def equal_error(runs: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
     DataFrame
         `COLUMNS`: ``truth``, its name (that with mus = mu is another); ``quantity`` of `QUANTITIES`, ``error`` in its
         ``unit``; median and interval of the time to it, inside the engine's own calls and in total, with their
-        `LEVEL`, and `TIMING`, the reasons why it is unsure; empty where no run reaches it; ``at most``: the coarsest
+        `LEVEL`, and `TIMING`, the reason why it is unsure; empty where no run reaches it; ``at most``: the coarsest
         run already meets it; `SMALLEST` error on this scene; over all scenes the fields of `Limit`.
     """
     limits = {(quantity.name, variant): limit_of(series, quantity, accelerations_of(series, runs))
@@ -164,22 +163,21 @@ def time_to(series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, tar
     own, total = (median_interval(rounds[name]) for name in (OWN_CPU, TOTAL))
     coarsest = _sizes(series[succeeded(series)], quantity).iloc[0]
     return {OWN_CPU: own.value, LOW: own.low, HIGH: own.high, TOTAL: total.value, TOTAL_LOW: total.low,
-            TOTAL_HIGH: total.high, LEVEL: own.level, TIMING: "; ".join(doubts(total, rounds[OTHERS])),
-            "at most": bool(coarsest <= target)}
+            TOTAL_HIGH: total.high, LEVEL: own.level, TIMING: doubt(total), "at most": bool(coarsest <= target)}
 
 
 def rounds_to(series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, target: float) -> pd.DataFrame | None:
-    """Time to an error by round, `OWN_CPU`, `TOTAL` and load by others; for a ratio to another's of the same round."""
+    """Time to an error by round, `OWN_CPU` and `TOTAL`; for a ratio to another variant's of the same round."""
     rows = series[succeeded(series)]
     sizes, keys = _sizes(rows, quantity).to_numpy(), list(rows["key"])
-    times = {key: part.set_index("round")[[OWN_CPU, TOTAL, OTHERS]]
+    times = {key: part.set_index("round")[[OWN_CPU, TOTAL]]
              for key, part in samples[samples["key"].isin(keys)].groupby("key", sort=False)}
     meetings = [times[key] for key, size in zip(keys, sizes) if size <= target and key in times]
     for i in range(1, len(keys)):
         if sizes[i - 1] > target > sizes[i] and {keys[i - 1], keys[i]} <= set(times):
             share = math.log(sizes[i - 1] / target) / math.log(sizes[i - 1] / sizes[i])
             both = times[keys[i - 1]] ** (1 - share) * times[keys[i]] ** share
-            meetings.append(both.dropna(subset=[TOTAL]))  # rounds that both have
+            meetings.append(both.dropna())  # rounds that both have
     return min(meetings, key=lambda rounds: rounds[TOTAL].median(), default=None)
 
 

@@ -14,7 +14,7 @@ from stiction.comparisons.studies.cost import plan, present
 from stiction.comparisons.studies.equal_error import INTEGRATION, UNKNOWN, equal_error
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import TIMING
-from stiction.comparisons.timing.rounds import BUSY
+from stiction.comparisons.timing.rounds import WIDE
 from stiction.comparisons.timing.timed_runs import OTHERS
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Record, Variant
 from stiction.engines import Outcome
@@ -52,7 +52,7 @@ def material():
 
 def times_of(cost):
     """The same times in five rounds."""
-    return pd.DataFrame([{"key": row["key"], "round": number, "cpu [s]": row["cpu [s]"], OWN_CPU: row[OWN_CPU], OTHERS: 0.0}
+    return pd.DataFrame([{"key": row["key"], "round": number, "cpu [s]": row["cpu [s]"], OWN_CPU: row[OWN_CPU]}
                          for row in cost.dropna(subset="cpu [s]").to_dict("records") for number in range(1, 6)])
 
 
@@ -104,11 +104,16 @@ def test_methods_that_may_be_compared_share_a_panel_and_what_the_adapter_does_is
     assert list(map(sorted, labels)) == [sorted(joint)] * 3 + [["pymunk, contact"]] * 3 and figure.columns == len(CASES)
 
 
-@pytest.mark.parametrize("busy, mark", [(2, ""), (3, "~")])
-def test_a_time_is_marked_where_half_of_its_rounds_are_disturbed(busy, mark):
+@pytest.mark.parametrize("part, mark", [(0.9, ""), (1.1, "~")])
+def test_a_time_with_a_wide_interval_is_marked_where_it_stands(part, mark):
+    """One round of five is slower by so much of what is wide; the load by others is said once."""
     cost = material()["cost"]
-    disturbed = times_of(cost).assign(**{OTHERS: lambda times: 2 * BUSY * (times["round"] <= busy)})
-    shown = said({"cost": cost, "equal-error": equal_error(cost, disturbed)})
+    times = times_of(cost)
+    slower = 1 + part * WIDE * (times["round"] == 1)
+    times = times.assign(**{name: times[name] * slower for name in ("cpu [s]", OWN_CPU)}, **{OTHERS: 0.1 * times["round"]})
+    tables = {"cost": cost, "equal-error": equal_error(cost, times), "times": times}
+    shown = said(tables)
+    assert "up to 0.5 cores busy" in sentences(shown) and not wrong_numbers(shown, Results((), {}, tables))
     assert cells(shown)["reference"] == f"≤ {mark}10 (10)" and cells(shown)["pymunk"] == f"{mark}150 (75)"
     assert dict((row[0], row[2]) for row in shown.tables[0].cells())["pymunk"] == f"{mark}150 (75)"
 

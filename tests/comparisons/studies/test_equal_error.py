@@ -15,7 +15,6 @@ from stiction.comparisons.studies.equal_error import (ADAPTER, FAILED, FALLS, IN
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import HIGH, LOW
 from stiction.comparisons.timing.intervals import ratio_interval
-from stiction.comparisons.timing.timed_runs import OTHERS
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.scenes import load_scene
 
@@ -37,7 +36,7 @@ def series(variant="a", error=(1e-2, 1e-4), unsure=0.0, parameter="dt", steps=No
 
 
 def samples(table, own, total=None):
-    return pd.DataFrame([{"key": key, "round": number, OWN_CPU: cpu * factor, "cpu [s]": whole * factor, OTHERS: 0.0}
+    return pd.DataFrame([{"key": key, "round": number, OWN_CPU: cpu * factor, "cpu [s]": whole * factor}
                          for key, cpu, whole in zip(table["key"], own, own if total is None else total) for number, factor in enumerate(ROUNDS, 1)])
 
 
@@ -174,5 +173,5 @@ def test_on_runs(in_this_process, monkeypatch):
 
 def test_ladders_without_any_error_are_an_empty_table():
     table = series(error=[np.nan, np.nan], status=["failed", "failed"])
-    found = equal_error(table, samples(table.iloc[:0], []).reindex(columns=["key", "round", OWN_CPU, "cpu [s]", OTHERS]))
+    found = equal_error(table, samples(table.iloc[:0], []).reindex(columns=["key", "round", OWN_CPU, "cpu [s]"]))
     assert found.empty and {OWN_CPU, LOW, HIGH, "because"} <= set(found)

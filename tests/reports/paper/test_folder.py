@@ -29,7 +29,7 @@ def whole(validation) -> Results:
     run = validation.records[1]
     timed = replace(run, key=f"{run.key}/no gravity")
     cost = validation.tables["accuracy"].assign(**{"stepping [s]": 0.5})
-    samples = pd.DataFrame([{"key": key, "round": number, OWN_CPU: 1e-3 * number, "cpu [s]": 2e-3 * number, "others [cores]": 0.0} for key in cost["key"] for number in range(1, 6)])
+    samples = pd.DataFrame([{"key": key, "round": number, OWN_CPU: 1e-3 * number, "cpu [s]": 2e-3 * number} for key in cost["key"] for number in range(1, 6)])
     effects = pd.DataFrame([{**timed.describe(), "effect": "no gravity", "position change [m]": 0.25, "hlcp [-]": 12}])
     return replace(validation, tables={**validation.tables, "cost": cost, "equal-error": equal_error(cost, samples), "effects": effects, "hard": hard_table()}, timed=(timed,))
 

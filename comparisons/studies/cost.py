@@ -235,7 +235,7 @@ def _load(times: pd.DataFrame) -> TracedText:
     if OTHERS not in times or times[OTHERS].isna().all():
         return TracedText()
     most = value("times", times, int(times[OTHERS].idxmax()), OTHERS, ".2g")
-    return traced("Meanwhile other programs kept up to {} cores busy.", most)
+    return traced("While runs were timed, other programs kept up to {} cores busy.", most)
 
 
 def _headlines(results: Results, cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> tuple[Headline, ...]:

@@ -36,7 +36,7 @@ def mechanism_in_words(results: Results) -> str:
     return (f"A motor turns a bar on a spring-held slider that sticks and slips in its guide{friction}. "
             f"{count} case{'s' if len(scenes) > 1 else ''} of {end:g} s{moved}. "
             f"Truth: a separate solution of the reduced equations, {tiers}, its uncertainty at most "
-            f"{rounded_up(unsure)} m. The paper's own numbers are lost in our text.")
+            f"{rounded_up(unsure)} m. The paper's own numbers are missing from our copy of it.")
 
 
 def recommendation(results: Results) -> list[TracedText]:
@@ -94,6 +94,6 @@ def _time(results: Results, variant: str) -> TracedText:
     if not len(there):
         return TracedText("")
     row = int(there[0])
-    bound = "at most " if table.at[row, "at most"] else ""
+    bound = ("at most " if table.at[row, "at most"] else "") + ("about " if table.loc[row].get("timing") else "")
     cpu = Number(f"{1e3 * table.at[row, 'cpu [s]']:.2g}", "equal-error", "cpu [s]", rows=(row + 1,), factor=1e3)
     return traced("; 1 mm takes {}{} ms of CPU in {}", bound, cpu, case_of(table.at[row, "scene"]))

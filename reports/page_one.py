@@ -16,6 +16,7 @@ from stiction.comparisons.presentation.cells import MISSING
 from stiction.comparisons.presentation.traced_text import Number, TracedText, count, listed, traced
 from stiction.comparisons.recommendation import mechanism_in_words
 from stiction.comparisons.results import Results
+from stiction.reports.markdown.failures import failed_runs
 from stiction.reports.markdown.tables import aligned
 from stiction.reports.report import Report
 
@@ -27,7 +28,9 @@ HOW_TO_READ = (
     "Reference, paper's scheme and Moreau are solvers of this suite; the truth uses none of them. Errors and drift are "
     "the worst of all cases, at the step nearest to 1 ms that was run, or the tightest tolerance; CPU time and stick "
     "limit are of the first case, the limit at its finest step. > 110: a run of 110 ms is not exact to 1 mm, and no "
-    "longer one was timed. An unread jump counts with its whole size. Joint: ideal guides with a friction law on them. "
+    "longer one was timed. ~: unsure, of few rounds or with a wide interval. "
+    "An unread jump counts with its whole size. Declined: by the method's own word; not judged: for a reason of our "
+    "adapter, of what the engine can express, or of impulses. Joint: ideal guides with a friction law on them. "
     "Contact: the slider touches two surfaces. mus = mu: the engine has one coefficient of friction, and its truth "
     "has, too. Compare methods within a group only.")
 
@@ -111,7 +114,7 @@ def not_installed(results: Results) -> str:
 
 
 def runs_in_words(results: Results) -> TracedText:
-    """Count the runs that succeeded, that ended early, and that failed; engines that are not installed have none."""
+    """Count the compared runs that succeeded, ended early, and failed, and say if runs of other studies failed."""
     table = pd.DataFrame([record.describe() for record in results.records])
     made = table[table["status"] != MISSING_ENGINE] if len(table) else table
     if made.empty:
@@ -122,10 +125,13 @@ def runs_in_words(results: Results) -> TracedText:
              for status in made.loc[~ok, "status"].unique()]
     if early:
         parts.append(traced("{} of those ended early", count("runs", table, status="ok", reason=early)))
+    elsewhere = set(failed_runs(results)["table"]) - {"runs"}
+    others = " Some of other studies failed or ended early: `failures.md`." if elsewhere else ""
     if not parts:
-        return traced("All {} runs succeeded.", count("runs", table, status="ok"))
+        return traced("All {} compared runs succeeded.{}", count("runs", table, status="ok"), others)
     everything = count("runs", table, status=frozenset(made["status"]))
-    return traced("{} of {} runs succeeded; {}.", count("runs", table, status="ok"), everything, listed(parts))
+    return traced("{} of {} compared runs succeeded; {}.{}", count("runs", table, status="ok"), everything,
+                  listed(parts), others)
 
 
 def _item(text: str) -> str:

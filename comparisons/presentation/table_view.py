@@ -41,7 +41,7 @@ class Column:
     second : str
         Name of the frame's column of a second number, in the same unit, in brackets: ``55 (46)``.
     bound : str
-        Name of the frame's column with the sign of a value that is a bound: ``≤ 55``, ``≥ 55``.
+        Name of the frame's column with the signs of a value that is a bound or unsure: ``≤ 55``, ``≥ ~55``.
     """
 
     name: str
@@ -67,7 +67,7 @@ class Column:
         if second is not None and not is_missing(second):
             text += f" ({cell(self.name, self.scale * float(second))})"
         sign = row.get(self.bound)
-        return text if is_missing(sign) else f"{sign} {text}"
+        return text if is_missing(sign) else f"{sign}{text}"
 
     def _value(self, row: Mapping[str, Any]) -> str:
         value = row[self.name]

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import json
 from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
 
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
 from stiction.comparisons.campaigns.participants import REFERENCE, cost_variants, extent, variants
-from stiction.comparisons.methods import (MISSING_ENGINE, called, case_of, groups, methods, succeeded, title_of,
-                                          with_columns)
+from stiction.comparisons.methods import (MISSING_ENGINE, called, case_of, groups, known_of, methods, succeeded,
+                                          title_of, with_columns)
 from stiction.comparisons.presentation import (Axis, Chart, Column, Headline, Panel, Part, Presentation, Series,
                                                TableView, TracedText, count, listed, scaled_value, sentence, traced,
                                                value, view)
 from stiction.comparisons.results import Results
+from stiction.comparisons.studies.accuracy import ROW_HEIGHT, row_by_row
 from stiction.comparisons.studies.equal_error import (COLUMNS, FAILED, INTEGRATION, QUANTITIES, SCENES, SMALLEST,
                                                       equal_error)
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import TIMING, TOTAL, Timed, work_precision
+from stiction.comparisons.timing.timed_runs import OTHERS
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Variant, scaled
 from stiction.scenes import Scene, load_scene
 
@@ -31,6 +34,8 @@ TARGET = 1e-3
 """Metres: the error at which methods are compared in words."""
 ERRORS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 """Metres: the errors of the tables."""
+UNSURE = "~"
+"""Sign before a time that is unsure, for the reasons in `TIMING`."""
 MILLI = 1e3
 """Milliseconds in a second, millimetres in a metre."""
 MILLIMETRE = f"{MILLI * TARGET:g} mm"
@@ -91,7 +96,7 @@ def present(results: Results) -> Presentation:
     equal = _times_to_position(results, cost)
     reached = equal[(equal["scene"] == first) & (equal["error"] == TARGET) & equal[TOTAL].notna()]
     findings = [_contacts(reached), _not_reached(cost, reached, first), _limited(equal, cost["scene"].nunique()),
-                _accelerations(cost, first), _set_up(cost), _disturbed(cost)]
+                _accelerations(cost, first), _set_up(cost), _unsure(cost), _load(results.table("times"))]
     tables = [_table(cost, rows, str(scene), first) for scene, rows in equal.groupby("scene", sort=False)]
     return Presentation(_answer(cost, reached, first), tuple(filter(None, findings)),
                         _headlines(results, cost, reached, first), (*tables, _limits(cost, equal), _every_run(cost)),
@@ -108,7 +113,7 @@ def _is_timed(cost: pd.DataFrame) -> pd.Series:
     return cost[TOTAL].notna() & cost["repeats"].gt(0)
 
 
-def _is_disturbed(cost: pd.DataFrame) -> pd.Series:
+def _is_unsure(cost: pd.DataFrame) -> pd.Series:
     """The timed runs whose time is unsure, for the reasons in `TIMING`."""
     return _is_timed(cost) & cost[TIMING].astype(object).fillna("").ne("")
 
@@ -122,8 +127,14 @@ def _times_to_position(results: Results, cost: pd.DataFrame) -> pd.DataFrame:
 
 
 def _bounded(rows: pd.DataFrame, label: int) -> TracedText:
-    """A total time to an error in ms, with ``≤`` where the coarsest run already meets it."""
-    return traced("≤ {}" if rows.at[label, "at most"] else "{}", scaled_value("equal-error", rows, label, TOTAL))
+    """A total time to an error in ms, with ``≤`` where the coarsest run already meets it, and `UNSURE`."""
+    sign = _sign(rows.loc[label].to_dict(), "≤ " if rows.at[label, "at most"] else "")
+    return traced(sign + "{}", scaled_value("equal-error", rows, label, TOTAL))
+
+
+def _sign(time: Mapping[Hashable, Any], bound: str) -> str:
+    """The sign of a bound, and `UNSURE` where the time is."""
+    return bound + (UNSURE if isinstance(time[TIMING], str) and time[TIMING] else "")
 
 
 def _engines(reached: pd.DataFrame, fidelity: str) -> TracedText:
@@ -210,13 +221,21 @@ def _set_up(cost: pd.DataFrame) -> TracedText:
         for name, found in longest if len(found)]))
 
 
-def _disturbed(cost: pd.DataFrame) -> TracedText:
-    if not _is_disturbed(cost).any():
+def _unsure(cost: pd.DataFrame) -> TracedText:
+    if not _is_unsure(cost).any():
         return TracedText()
-    marked, rounds = frozenset(cost.loc[_is_disturbed(cost), TIMING]), frozenset(cost.loc[_is_timed(cost), "repeats"])
-    return traced("{} of {} timings are marked as disturbed: other programs ran, the machine's speed changed, or the "
-                  "interval is wide.", count("cost", cost, **{TIMING: marked, "repeats": rounds}),
+    marked, rounds = frozenset(cost.loc[_is_unsure(cost), TIMING]), frozenset(cost.loc[_is_timed(cost), "repeats"])
+    return traced("{} of {} timings are marked ~, as unsure: of fewer than five rounds, or with an interval wider than "
+                  "a quarter.", count("cost", cost, **{TIMING: marked, "repeats": rounds}),
                   count("cost", cost, repeats=rounds))
+
+
+def _load(times: pd.DataFrame) -> TracedText:
+    """The largest load by others in a round."""
+    if OTHERS not in times or times[OTHERS].isna().all():
+        return TracedText()
+    most = value("times", times, int(times[OTHERS].idxmax()), OTHERS, ".2g")
+    return traced("While runs were timed, other programs kept up to {} cores busy.", most)
 
 
 def _headlines(results: Results, cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> tuple[Headline, ...]:
@@ -228,7 +247,8 @@ def _headlines(results: Results, cost: pd.DataFrame, reached: pd.DataFrame, firs
             own = scaled_value("equal-error", reached, int(there[0]), OWN_CPU)
             cells[variant] = traced("{} ({})", _bounded(reached, int(there[0])), own)
         elif len(runs):
-            cells[variant] = traced("> {}", scaled_value("cost", cost, int(runs[-1]), TOTAL))
+            cells[variant] = traced(_sign(timed.loc[runs[-1]].to_dict(), "> ") + "{}",
+                                    scaled_value("cost", cost, int(runs[-1]), TOTAL))
     return (Headline(f"CPU to {MILLIMETRE}, {case_of(first)} (engine's part) [ms]", cells),) if cells else ()
 
 
@@ -240,11 +260,11 @@ def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> Ta
             times, row = here[here["variant"] == variant], {"group": group, "variant": variant}
             reached = times[times[TOTAL].notna()].to_dict("records")
             for time in reached:
-                row |= _cells(time, time["error"], "≤" if time["at most"] else "")
+                row |= _cells(time, time["error"], "≤ " if time["at most"] else "")
             runs = part[(part["variant"] == variant) & (part["scene"] == scene)]
             if reached and times[SMALLEST].iloc[0] <= runs[UNCERTAINTY].max():  # smaller errors cannot be measured
                 for error in ERRORS:
-                    row |= _cells(reached[-1], error, "≥") if error < reached[-1]["error"] else {}
+                    row |= _cells(reached[-1], error, "≥ ") if error < reached[-1]["error"] else {}
             rows.append((row, times))
     columns = [Column("variant", "method"),
                *(Column(f"{TOTAL} {error:g}", f"{MILLI * error:g} mm", "ms", scale=MILLI,
@@ -256,9 +276,10 @@ def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> Ta
                 in_report=scene == first or scene not in SCENES)
 
 
-def _cells(time: Mapping[Hashable, object], error: float, sign: str) -> dict[str, object]:
+def _cells(time: Mapping[Hashable, Any], error: float, sign: str) -> dict[str, object]:
     """Columns of the time to an error, which may be a bound."""
-    return {f"{TOTAL} {error:g}": time[TOTAL], f"{OWN_CPU} {error:g}": time[OWN_CPU], f"bound {error:g}": sign}
+    return {f"{TOTAL} {error:g}": time[TOTAL], f"{OWN_CPU} {error:g}": time[OWN_CPU],
+            f"bound {error:g}": _sign(time, sign)}
 
 
 def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
@@ -270,13 +291,13 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
         row = {"variant": variant, ERROR: times[SMALLEST].max(), "order": one["order [-]"],
                "order uncertainty": one["order uncertainty [-]"], "limit": one["because"], "why": one["why"],
                "set-up cpu [s]": done[SET_UP].median(), "compile cpu [s]": done["compile [s]"].max(),
-               "disturbed": f"{_is_disturbed(runs).sum()} of {_is_timed(runs).sum()}",
+               "unsure": f"{_is_unsure(runs).sum()} of {_is_timed(runs).sum()}",
                **done.iloc[0][[FRICTION_BY, EVENTS_BY]]}
         rows.append((row, runs))
     columns = (Column("variant", "method"), Column(ERROR, "smallest error"),
                Column("order", uncertainty="order uncertainty", interval=True), Column("limit"),
                Column("set-up cpu [s]", "set-up", "ms", scale=MILLI),
-               Column("compile cpu [s]", "compilation", "ms", scale=MILLI), Column("disturbed", "timings disturbed"),
+               Column("compile cpu [s]", "compilation", "ms", scale=MILLI), Column("unsure", "timings unsure"),
                Column(FRICTION_BY, "friction law by"), Column(EVENTS_BY), Column("why"))
     caption = ("The smallest error of each refinement series (of several cases the worst), the order at its finest "
                "runs, and what limits it. Set-up: median; compilation: once a process, at most.")
@@ -294,18 +315,23 @@ def _every_run(cost: pd.DataFrame) -> TableView:
 
 
 def _figure(cost: pd.DataFrame) -> Chart:
-    """Error over total time, a panel a case, a line a method."""
+    """Error over total time, a row of panels per group of methods that may be compared, a line a method."""
     drawn = cost[_measured(cost) & _is_timed(cost) & cost[ERROR].gt(0)]
     drawn = drawn[drawn["variant"].isin(_methods(drawn))]
-    panels = []
-    for scene, rows in drawn.groupby("scene", sort=False):
-        series = [Series(variant, runs[TOTAL].to_numpy(float), runs[ERROR].to_numpy(float), look=variant,
-                         points=True) for variant, runs in rows.groupby("variant", sort=False)]
-        panels.append(Panel(title_of(scene), Axis("total CPU time [s]", log=True),
-                            Axis("position error [m]", log=True), series))
+    friction, events = (known_of(drawn, column) for column in (FRICTION_BY, EVENTS_BY))
+    marks = {variant: " *" * ("adapter" in f"{friction[variant]} {events[variant]}") for variant in friction}
+    scenes, panels = list(dict.fromkeys(drawn["scene"])), []
+    for group, rows in groups(drawn):
+        for scene in scenes:
+            series = [Series(variant + marks[variant], runs[TOTAL].to_numpy(float), runs[ERROR].to_numpy(float),
+                             look=variant, points=True)
+                      for variant, runs in rows[rows["scene"] == scene].groupby("variant", sort=False)]
+            panels.append(Panel(f"{title_of(scene)}; {group}", Axis("total CPU time [s]", log=True),
+                                Axis("position error [m]", log=True), series))
     return Chart("work-precision", "Position error over total CPU time, a line a refinement series: down and to the "
-                 "left is better. Only methods at the same fidelity answer the same question.", panels, height=2.8,
-                 share_x=True, share_y=True)
+                 "left is better. A row of panels holds methods at the same fidelity and physics. *: our adapter does "
+                 "a part of the work, the friction law or the location of events, whose time is included.",
+                 row_by_row(panels, len(scenes) or 1), len(scenes) or 1, ROW_HEIGHT, share_x=True)
 
 
 def _methods(rows: pd.DataFrame) -> list[str]:

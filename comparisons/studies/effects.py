@@ -180,7 +180,7 @@ def present(results: Results) -> Presentation:
     baumgarte = [value("effects", table, int(row), RATIO, ".2g")
                  for row in own.index[own["effect"].str.startswith(BAUMGARTE)]]
     answer = listed([*filter(None, [
-        sentence("Left of the engine time with all effects: {}.", listed(parts)),
+        sentence("Of its time with all effects the reference takes {}.", listed(parts)),
         sentence("Baumgarte's terms instead of projection take {} times as long.", listed(baumgarte))])], " ", " ")
     longer = [traced("{} without {}", _ratio(table, row), _named(table.at[row, "effect"])) for row in slower.index]
     findings = [*_promise(table, faster),

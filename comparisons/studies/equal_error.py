@@ -32,8 +32,9 @@ import pandas as pd
 
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.methods import succeeded
-from stiction.comparisons.studies.work_precision import HIGH, LEVEL, LOW, TOTAL, TOTAL_HIGH, TOTAL_LOW
+from stiction.comparisons.studies.work_precision import HIGH, LEVEL, LOW, TIMING, TOTAL, TOTAL_HIGH, TOTAL_LOW
 from stiction.comparisons.timing.intervals import median_interval
+from stiction.comparisons.timing.rounds import doubt
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import OWN_CPU
 
@@ -73,7 +74,7 @@ QUANTITIES = (Quantity("position", "position error [m]", "position uncertainty [
                        "there is nothing to compare"))
 SMALLEST = "smallest error"
 COLUMNS = ("scene", "truth", "fidelity", "variant", "engine", "quantity", "error", "unit", OWN_CPU, LOW, HIGH,
-           TOTAL, TOTAL_LOW, TOTAL_HIGH, LEVEL, "at most", SMALLEST, "because", "why", "order [-]",
+           TOTAL, TOTAL_LOW, TOTAL_HIGH, LEVEL, TIMING, "at most", SMALLEST, "because", "why", "order [-]",
            "order uncertainty [-]")
 """Of `equal_error`."""
 
@@ -109,8 +110,8 @@ def equal_error(runs: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
     DataFrame
         `COLUMNS`: ``truth``, its name (that with mus = mu is another); ``quantity`` of `QUANTITIES`, ``error`` in its
         ``unit``; median and interval of the time to it, inside the engine's own calls and in total, with their
-        `LEVEL`, empty where no run reaches it; ``at most``: the coarsest run already meets it; `SMALLEST` error on
-        this scene; over all scenes the fields of `Limit`.
+        `LEVEL`, and `TIMING`, the reason why it is unsure; empty where no run reaches it; ``at most``: the coarsest
+        run already meets it; `SMALLEST` error on this scene; over all scenes the fields of `Limit`.
     """
     limits = {(quantity.name, variant): limit_of(series, quantity, accelerations_of(series, runs))
               for quantity in QUANTITIES for variant, series in runs.groupby("variant", sort=False)}
@@ -162,7 +163,7 @@ def time_to(series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, tar
     own, total = (median_interval(rounds[name]) for name in (OWN_CPU, TOTAL))
     coarsest = _sizes(series[succeeded(series)], quantity).iloc[0]
     return {OWN_CPU: own.value, LOW: own.low, HIGH: own.high, TOTAL: total.value, TOTAL_LOW: total.low,
-            TOTAL_HIGH: total.high, LEVEL: own.level, "at most": bool(coarsest <= target)}
+            TOTAL_HIGH: total.high, LEVEL: own.level, TIMING: doubt(total), "at most": bool(coarsest <= target)}
 
 
 def rounds_to(series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, target: float) -> pd.DataFrame | None:

@@ -17,15 +17,15 @@ from stiction.engines.registry import OWN_METHODS
 
 HOSTILE = "hostile scenes"
 """Topic of the cases that are about the reader of scene files, not about a method."""
-COUNTED = {"right": frozenset({RIGHT}),
-           "declined": frozenset({DECLINED, DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE, UNREAD}),
+COUNTED = {"right": frozenset({RIGHT}), "declined": frozenset({DECLINED}),
+           "not judged": frozenset({DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE, UNREAD}),
            "degraded": frozenset({DEGRADED}), "wrong": frozenset({WRONG, FAILED})}
-"""Headings of the counts, and the verdicts that each counts; declined are those on which no motion is claimed."""
+"""Headings of the counts, and the verdicts that each counts."""
 SIGNS = {RIGHT: ("+", "#009E73"), DEGRADED: ("~", "#E69F00"), DECLINED: ("o", "#56B4E9"),
          DECLINED_BY_ADAPTER: ("a", "#9CCBEA"), INEXPRESSIBLE: (".", "#DDDDDD"), UNREAD: ("-", "#DDDDDD"),
          IMPULSIVE: ("i", "#CC79A7"), WRONG: ("x", "#D55E00"), FAILED: ("!", "#8B0000")}
-NOTES = ("Declined: by the method's own word or our adapter's, not expressible with the engine, or continued by "
-         "impulses where no motion with finite forces exists.",
+NOTES = ("Declined: by the method's own word. Not judged: our adapter or our reader declines it, the engine cannot "
+         "express it, or goes on by impulses where no motion with finite forces exists.",
          "Degraded: less accurate than the method should be. Errors are relative to the size of what is measured.")
 
 
@@ -36,7 +36,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
 
 def present(results: Results) -> Presentation:
-    """Counts of right, declined, degraded and wrong answers of every installed method on the same mechanical cases."""
+    """Counts of `COUNTED` for every installed method on the same mechanical cases."""
     table = results.table("hard")
     tried = table[~table["verdict"].isin([NOT_INSTALLED, NOT_RUN])] if len(table) else table
     mechanical = tried[tried["topic"] != HOSTILE] if len(tried) else tried
@@ -48,11 +48,11 @@ def present(results: Results) -> Presentation:
         counts[variant] = {name: count("hard", table, **about, verdict=verdicts) for name, verdicts in COUNTED.items()}
     first, *_ = counts
     cells = {variant: listed(list(numbers.values()), "/", "/") for variant, numbers in counts.items()}
-    answer = traced("Right/declined/degraded/wrong of {} mechanical cases: {}.",
+    answer = traced("Right/declined/not judged/degraded/wrong of {} mechanical cases: {}.",
                     count("hard", table, variant=first, topic=topics),
                     listed([traced("{} {}", called(first), cells[first]), *_engines(mechanical, cells)], "; ", "; "))
     note = _hostile(tried[tried["topic"] == HOSTILE])
-    return Presentation(answer, (), (Headline("hard cases: right/declined/ degraded/wrong", cells),),
+    return Presentation(answer, (), (Headline("hard cases: right/declined/ not judged/degraded/ wrong", cells),),
                         _tables(table, mechanical, counts), (_heat_map(mechanical, list(counts)),),
                         (*NOTES, note) if note else NOTES)
 

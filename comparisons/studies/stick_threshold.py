@@ -346,9 +346,9 @@ def present(results: Results) -> Presentation:
     installed = table.loc[table["status"] != MISSING_ENGINE, "variant"].unique()
     none = [called(variant) for variant in installed if variant not in off]
     findings = [traced("No threshold was found for {}.", listed(none))] if none else []
-    theorems = table["theorem"].dropna().unique() if "theorem" in table else ()
-    findings += [TracedText(f"Proven: it {text[text.rindex('lies between'):]}") for text in theorems
-                 if "lies between" in text]
+    proven = table.dropna(subset="theorem").drop_duplicates("theorem") if "theorem" in table else table.iloc[:0]
+    findings += [TracedText(f"Proven for mus = {row['mus']:g}: it {text[text.rindex('lies between'):]}")
+                 for row in proven.to_dict("records") if "lies between" in (text := row["theorem"])]
     headline = Headline("stick limit off [N]", {variant: traced("{}", number) for variant, number in off.items()})
     columns = (Column("variant", "method"), Column("fidelity"), Column("mus", form="g"),
                Column("parameter", "refined by", brief=False), Column("step", form="g"),

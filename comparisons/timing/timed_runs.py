@@ -74,8 +74,7 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated:
                 failures[key] = f"round {len(loads)}: {outcome.status}: {outcome.reason}"
         return found
 
-    samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least,
-                        lambda sample: sample.setup_s + sample.stepping_s)
+    samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least)
     return {key: Timing(runs[key], tuple(found), tuple(loads[:len(found)]), failures.get(key, ""))
             for key, found in samples.items()}
 

@@ -86,7 +86,8 @@ def compose(report: Report, failed: pd.DataFrame, origin: Mapping[str, Any], dra
              *(study_section(study, said, by_name) for study, said in report.said.items())]
     if len(failed):
         rows = grouped(failed)[["variant", "status", "runs", "reason"]].rename(columns={"variant": "method"})
-        parts += ["## What failed?", f"{len(failed)} runs failed or ended early; all are in [{FAILURES}]({FAILURES}).",
+        parts += ["## What failed?", f"Failed or ended early, in all studies: {len(failed)}; "
+                  f"all are in [{FAILURES}]({FAILURES}).",
                   fitted(rows)]
     parts += ["## Parameters of the scenes", fitted(tables_of(results)["parameters"]),
               "Choices that the paper leaves open:",

@@ -91,8 +91,9 @@ def _campaign(results: Results, origin: Mapping[str, Any]) -> str:
     timed = sum(len(results.tables.get(name, ())) for name in ("cost", "effects", "suppression"))
     cut = " It was interrupted: all numbers are of the runs that were made until then."
     return (f"The campaign{depth} of {origin['date'][:10]} made {len(results.records)} runs of "
-            f"{', '.join(scenes) or 'no scene'}, and {timed} more for the comparisons of cost; "
-            f"{len(failed_runs(results)) or 'none'} failed or ended early.{cut if campaign.get('interrupted') else ''}")
+            f"{', '.join(scenes) or 'no scene'}, and {timed} more for the comparisons of cost. "
+            f"Of these and of all other studies {len(failed_runs(results)) or 'none'} failed or ended early."
+            f"{cut if campaign.get('interrupted') else ''}")
 
 
 def _machine(origin: Mapping[str, Any]) -> str:

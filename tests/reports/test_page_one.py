@@ -20,7 +20,8 @@ from stiction.comparisons.variants import Variant
 from stiction.reports import report_of, write_report
 from stiction.reports.markdown.tables import WIDTH as TABLE_WIDTH
 from stiction.reports.markdown.tables import fitted
-from stiction.reports.page_one import HOW_TO_READ, TITLE, answer_lines, headline_table, not_installed, numbers, page_one
+from stiction.reports.page_one import (HOW_TO_READ, TITLE, answer_lines, headline_table, not_installed, numbers,
+                                       page_one, runs_in_words)
 
 FIXED = ("Zhuang & Wang 2014", "1 mm takes", "nearest to 1 ms")
 """Texts with digits that are no results: the paper, the error to which times are given, the step of the comparison."""
@@ -29,7 +30,8 @@ FIXED = ("Zhuang & Wang 2014", "1 mm takes", "nearest to 1 ms")
 def equal_error_table() -> pd.DataFrame:
     """Times to an error of 1 mm."""
     rows = [("reference", 1.234e-3, True), ("paper's scheme", 0.0567, False), ("other", 0.25, False)]
-    return pd.DataFrame([{"variant": variant, "scene": "slider-bar-case-1", "quantity": "position", "error": 1e-3, "cpu [s]": seconds, "at most": bound}
+    return pd.DataFrame([{"variant": variant, "scene": "slider-bar-case-1", "quantity": "position", "error": 1e-3, "cpu [s]": seconds, "at most": bound,
+                          "timing": "timed once" if variant == "paper's scheme" else ""}
                          for variant, seconds, bound in rows])
 
 
@@ -86,6 +88,17 @@ def test_it_comes_out_whatever_is_missing(full, missing):
     assert page_one(report, "", "Run.").startswith(f"# {TITLE}") and "nan" not in " ".join(answer_lines(report))
     empty = page_one(report_of(Results((), {}, {})), "", "Run.")
     assert empty.splitlines() == [f"# {TITLE}", "", "There were no runs. Run."]
+
+
+def test_an_unsure_time_is_about_so_long(full):
+    reference, scheme = (part.text for part in report_of(full).answer[:2])
+    assert "1 mm takes at most 1.2 ms" in reference and "1 mm takes about 57 ms" in scheme
+
+
+def test_runs_that_failed_in_other_studies_are_not_kept_from_the_page(full):
+    ended = pd.DataFrame([{"scene": "slider-bar-case-1", "choice": "none", "step": 0.016, "status": "ok", "reason": "stopped"}])
+    assert "other studies" not in page_one(report_of(full), "", "Run.")
+    assert "Some of other studies failed" in runs_in_words(replace(full, tables={**full.tables, "study": ended})).text
 
 
 def test_methods_stand_in_groups_that_may_be_compared(full):

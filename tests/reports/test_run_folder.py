@@ -36,7 +36,7 @@ def test_every_loss_is_named_with_its_reason(report_folder):
     for number, (status, reason) in enumerate(LOST.items()):
         there = status != "missing"
         assert (reason.replace("|", "\\|") in failures) == (f"engine {number}" in text[text.index("## What failed?"):text.index("## Parameters")]) == there
-    assert "Not installed: engine2;" in text.partition("\n## ")[0] and f"{len(LOST) - 1} runs failed or ended early" in text
+    assert "Not installed: engine2;" in text.partition("\n## ")[0] and f"Failed or ended early, in all studies: {len(LOST) - 1};" in text
 
 
 def test_all_parts_are_there(validation, report_folder):

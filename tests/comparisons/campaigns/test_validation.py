@@ -97,6 +97,6 @@ def test_an_interrupted_validation_ends_at_once_with_a_report(tmp_path, monkeypa
     done = validate(depth=Depth.QUICK, engines=["pymunk"], isolated=not_run)
     text = write_report(report_of(done), tmp_path / "run").read_text()
     assert not done.truths and set(done.tables["hard"]["verdict"]) == {"not run"}
-    assert f"0 of {len(done.records)} runs succeeded; {len(done.records)} not run." in " ".join(text.split())
+    assert f"0 of {len(done.records)} compared runs succeeded; {len(done.records)} not run." in " ".join(text.split())
     page = text.partition("\n## ")[0]
     assert done.settings["interrupted"] and "It was interrupted" in page and "Hard cases" not in page

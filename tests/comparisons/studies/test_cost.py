@@ -14,7 +14,9 @@ from stiction.comparisons.studies.cost import plan, present
 from stiction.comparisons.studies.equal_error import INTEGRATION, UNKNOWN, equal_error
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import TIMING
-from stiction.comparisons.variants import OWN_CPU, Record, Variant
+from stiction.comparisons.timing.rounds import WIDE
+from stiction.comparisons.timing.timed_runs import OTHERS
+from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Record, Variant
 from stiction.engines import Outcome
 from stiction.scenes import load_scene
 
@@ -89,8 +91,31 @@ def test_tables_have_totals_with_the_engines_part_and_no_engine_that_is_not_inst
     row = dict(zip(tables["cost"].heads(), next(cells for cells in tables["cost"].cells() if cells[0] == "pymunk")))
     assert row["10 mm [ms]"] == "≤ 30 (15)" and row["1 mm [ms]"] == "150 (75)" and row["0.1 mm [ms]"] == "–"
     assert not any("not there" in cells for table in shown.tables for cells in map(tuple, table.cells()))
-    for panel in shown.figures[0].panels:
-        assert {series.look for series in panel.series} == {*OWN_PART, "reference", "paper's scheme"}
+
+
+def test_methods_that_may_be_compared_share_a_panel_and_what_the_adapter_does_is_marked():
+    cost = material()["cost"]
+    cost[[FRICTION_BY, EVENTS_BY]] = "engine"
+    cost.loc[cost["variant"] == "pymunk", FRICTION_BY] = "engine + adapter"
+    cost.loc[cost["variant"] == "slow", EVENTS_BY] = "adapter"
+    [figure] = said({"cost": cost}).figures
+    labels = [[series.label for series in panel.series] for panel in figure.panels]
+    joint = ["reference", "paper's scheme", "pymunk *", "PyBullet", "slow *"]
+    assert list(map(sorted, labels)) == [sorted(joint)] * 3 + [["pymunk, contact"]] * 3 and figure.columns == len(CASES)
+
+
+@pytest.mark.parametrize("part, mark", [(0.9, ""), (1.1, "~")])
+def test_a_time_with_a_wide_interval_is_marked_where_it_stands(part, mark):
+    """One round of five is slower by so much of what is wide; the load by others is said once."""
+    cost = material()["cost"]
+    times = times_of(cost)
+    slower = 1 + part * WIDE * (times["round"] == 1)
+    times = times.assign(**{name: times[name] * slower for name in ("cpu [s]", OWN_CPU)}, **{OTHERS: 0.1 * times["round"]})
+    tables = {"cost": cost, "equal-error": equal_error(cost, times), "times": times}
+    shown = said(tables)
+    assert "up to 0.5 cores busy" in sentences(shown) and not wrong_numbers(shown, Results((), {}, tables))
+    assert cells(shown)["reference"] == f"≤ {mark}10 (10)" and cells(shown)["pymunk"] == f"{mark}150 (75)"
+    assert dict((row[0], row[2]) for row in shown.tables[0].cells())["pymunk"] == f"{mark}150 (75)"
 
 
 def test_errors_below_the_uncertainty_of_the_truth_have_a_bound():

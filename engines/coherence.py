@@ -129,10 +129,8 @@ def velocities(run: Examined) -> Iterator[str]:
             i = int(np.argmax(np.abs(by_position - h * speed) - unknown))
             scale, unit = (size, "rad") if kind == "omega" else (1.0, "m")
             yield (f"velocities of {body} ({kind}) that are not those of its positions: about their mean they move it "
-                   "by "
-                   f"{h @ speed / scale:.4g} {unit}, its positions by {np.sum(by_position) / scale:.4g} {unit}, and "
-                   "differ "
-                   f"most from t = {begin[i]:.9g} s on; expected the same within {allowed / scale:.2g} {unit}")
+                   f"by {h @ speed / scale:.4g} {unit}, its positions by {np.sum(by_position) / scale:.4g} {unit}, and "
+                   f"differ most from t = {begin[i]:.9g} s on; expected the same within {allowed / scale:.2g} {unit}")
 
 
 def displacements(run: Examined) -> Iterator[str]:
@@ -166,8 +164,7 @@ def balance(run: Examined) -> Iterator[str]:
         if (i := first(left > BALANCE * largest)) is not None:
             where = f" ({sides[i - len(found.t)][0]})" if i >= len(found.t) else ""
             yield (f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / largest:.2g} "
-                   "of the "
-                   f"largest is left over; expected less than {BALANCE:g}")
+                   f"of the largest is left over; expected less than {BALANCE:g}")
 
 
 def corner_forces(run: Examined) -> Iterator[str]:
@@ -219,13 +216,11 @@ def _chain(run: Examined, own: Sequence[Event], name: str, corners: bool) -> Ite
         old, new = event.before[mode], event.after[mode]
         if not MODES[event.kind](old, new):
             yield (f"{event.kind} of {name} at t = {event.time:.9g} s: mode {old:g} before and {new:g} after; expected "
-                   "those of "
-                   f"a {event.kind}")
+                   f"those of a {event.kind}")
     for one, two in zip(own, own[1:]):
         if one == two or one.after[mode] != two.before[mode] or corners and _other_surfaces(run, name, one, two):
             yield (f"{one.kind} of {name} at t = {one.time:.9g} s, then {two.kind} at {two.time:.9g} s: the contact "
-                   "mode behind "
-                   "the one is not that in front of the other; expected every event once")
+                   "mode behind the one is not that in front of the other; expected every event once")
 
 
 def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator[str]:
@@ -314,8 +309,7 @@ def cone(run: Examined) -> Iterator[str]:
         if (i := first((excess > allowed) & (found.t >= begins))) is not None:
             expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
             yield (f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected "
-                   f"{expected}, "
-                   f"by the load of its corners, within {allowed[i]:.2g} N")
+                   f"{expected}, by the load of its corners, within {allowed[i]:.2g} N")
 
 
 def _baumgarte_force(run: Examined) -> np.ndarray:

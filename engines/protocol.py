@@ -74,9 +74,8 @@ def check_steps(t_end: float, dt: float) -> None:
     """
     if t_end / dt > MOST_STEPS:
         raise InputError(f"dt: found {dt:g} s, which is {t_end / dt:.3g} steps to t_end = {t_end:g} s; expected at "
-                         "most "
-                         f"{MOST_STEPS:.0e} steps, which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an earlier "
-                         "t_end")
+                         f"most {MOST_STEPS:.0e} steps, which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an "
+                         "earlier t_end")
 
 
 class Refused(StictionError):
@@ -291,8 +290,7 @@ class Engine(ABC):
                 raise InputError(f"{name}: found {value!r}; expected seconds, > 0")
         if t_end / output_step > MOST_OUTPUTS:
             raise InputError(f"t_end, output_step: found {t_end:g} s and {output_step:g} s, {t_end / output_step:.3g} "
-                             "instants; expected at most "
-                             f"{MOST_OUTPUTS:g}")
+                             f"instants; expected at most {MOST_OUTPUTS:g}")
         if dt is not None and dt > t_end:
             raise InputError(f"dt: found {dt!r}; expected at most t_end = {t_end:g} s")
         if dt is not None:
@@ -305,8 +303,7 @@ class Engine(ABC):
         if fidelity not in self.capabilities.fidelities:
             first, *_ = known = self.capabilities.fidelities
             raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(known)}: add --fidelity "
-                          f"{first} "
-                          f"to the command, fidelity=\"{first}\" in Python")
+                          f"{first} to the command, fidelity=\"{first}\" in Python")
         self.check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
         reason = self.refusal(scene, fidelity)
         if reason is not None:

@@ -119,8 +119,7 @@ class Stepper:
         for guide in guides if self.solver.redundant else ():
             if np.intersect1d(self.solver.open_rows, guide.reaction_rows).size:
                 raise Declined(f"joints.{guide.name}: the constraints are redundant and leave its reactions open, and "
-                               "with "
-                               "them its friction")
+                               "with them its friction")
 
     def run(self, t_end: float, every: int) -> None:
         """Integrate from the scene's initial state; `samples` are at the grid's output instants, the last at t_end.
@@ -209,8 +208,7 @@ class Stepper:
                 raise Unsettled(f"friction and reactions do not settle at t = {t:g} s: no solution, or several", t)
             if self.solver.redundant:
                 raise EngineFailure(f"the constraints are redundant, and Exudyn finds no state at t = {t:g} s that "
-                                    "meets "
-                                    "them all: they contradict")
+                                    "meets them all: they contradict")
             raise EngineFailure(self.solver.failure(f"no convergence at t = {t:g} s"))
         return done
 
@@ -298,8 +296,7 @@ class Stepper:
             if held and not self._independent(held):
                 names = ", ".join(guide.name for guide in held)
                 raise Declined(f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their shares "
-                               "are open, "
-                               "and the adapter holds each by a constraint of its own")
+                               "are open, and the adapter holds each by a constraint of its own")
             a, multipliers = self._start(t, q, on_constraints)
             overloaded = min(held, key=lambda guide: guide.margin(q, v), default=None)
             if overloaded is None or overloaded.margin(q, v) >= -ROUNDING:

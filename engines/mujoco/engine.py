@@ -92,8 +92,7 @@ class MujocoEngine(TreeEngine):
         for name, guide in scene.frictional_guides.items() if fidelity == "contact" else ():
             if (largest := max(guide.kinetic_coefficient, guide.static_coefficient)) > _MOST_FRICTION:
                 return (f"joints.{name}: found a coefficient of friction of {largest:g}; above {_MOST_FRICTION:g} "
-                        "MuJoCo's contacts brake a slider that tips "
-                        "on its corners too much")
+                        "MuJoCo's contacts brake a slider that tips on its corners too much")
         return None
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:

@@ -141,9 +141,8 @@ class ReferenceEngine(Engine):
                       "stabilization": parts[0].stabilization,
                       "friction_law": self.capabilities.friction_law["joint"],
                       "hyperstatic_split": "surfaces of a slider: equal mobilization f/(mus N); guides that share a "
-                                           "friction: "
-                                           "the shortest forces within their capacities, else as Lemke's method "
-                                           "returns it"})
+                                           "friction: the shortest forces within their capacities, else as Lemke's "
+                                           "method returns it"})
 
 
 def _rows_that_are_motion(run: Run, size: float) -> int:

@@ -44,21 +44,18 @@ class Plant:
         self.joints: list[Any] = []
         for i, link in enumerate(tree.links):
             if link.body is None:
-                inertia = (
-                    SpatialInertia.MakeFromCentralInertia(least_mass, np.zeros(3), RotationalInertia(0.0, 0.0, 0.0))
-                    if least_mass
-                    else SpatialInertia.Zero()
-                )
+                inertia = SpatialInertia.Zero()
+                if least_mass:
+                    inertia = SpatialInertia.MakeFromCentralInertia(least_mass, np.zeros(3),
+                                                                    RotationalInertia(0.0, 0.0, 0.0))
             else:
                 data = scene.bodies[link.body]
-                inertia = SpatialInertia.MakeFromCentralInertia(data.mass, centre(link.point),
+                inertia = SpatialInertia.MakeFromCentralInertia(data.mass, tree.centre(i),
                                                                 RotationalInertia(*[data.inertia] * 3))
             body = plant.AddRigidBody(f"link-{i}", inertia)
-            parent, origin = (self.bodies[link.parent],
-                              tree.links[link.parent].point) if link.parent >= 0 else (plant.world_body(), (0.0, 0.0))
-            place = (link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0)
+            parent = self.bodies[link.parent] if link.parent >= 0 else plant.world_body()
             frame = plant.AddFrame(FixedOffsetFrame(f"parent-{i}", parent.body_frame(),
-                                                    RigidTransform(RollPitchYaw(0.0, 0.0, link.angle), place)))
+                                                    RigidTransform(RollPitchYaw(0.0, 0.0, link.angle), tree.place(i))))
             kind, axis = (PrismaticJoint, (*link.axis, 0.0)) if link.slides else (RevoluteJoint, (0.0, 0.0, 1.0))
             self.joints.append(plant.AddJoint(kind(f"joint-{i}", frame, body.body_frame(), axis)))
             self.bodies.append(body)
@@ -99,11 +96,6 @@ class Plant:
         mass = self.plant.CalcMassMatrix(self.context)
         bias = self.plant.CalcBiasTerm(self.context) - self.plant.CalcGravityGeneralizedForces(self.context)
         return mass[np.ix_(self._order, self._order)], bias[self._order]
-
-
-def centre(point: tuple[float, float]) -> np.ndarray:
-    """A link's centre of mass in the link's frame, whose origin is the joint's point."""
-    return np.array([-point[0], -point[1], 0.0])
 
 
 def start_mass(scene: Scene, tree: LinkTree) -> np.ndarray:

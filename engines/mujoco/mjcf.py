@@ -99,9 +99,7 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
             continue
         free = link.joint is None
         parent = -1 if free else link.parent
-        origin = tree.links[parent].point if parent >= 0 else (0.0, 0.0)
-        place = (link.anchor[0] - origin[0], link.anchor[1] - origin[1])
-        body = elements[i] = xml.SubElement(elements[parent], "body", name=link.body, pos=numbers(*place, 0.0),
+        body = elements[i] = xml.SubElement(elements[parent], "body", name=link.body, pos=numbers(*tree.place(i)),
                                             euler=numbers(0.0, 0.0, link.angle))
         for j in (i - 2, i - 1, i) if free else (i,):
             _joint(body, tree.links[j], joint_name(tree, j), scene, j in driven, soft)

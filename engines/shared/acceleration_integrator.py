@@ -106,8 +106,8 @@ class _Frictional:
         q, v, a = engine.motion(t, x, rate, second)
         self._balance.assemble(t, q, v)
         # normal forces and moments of the guides: constant + slope @ friction
-        constant = np.array(self._balance.reactions(a, np.zeros(count))[:2])
-        slope = np.stack([np.array(self._balance.reactions(engine.motion(t, x, rate, second + add)[2], one)[:2])
+        constant = np.array(self._balance.reactions(a, np.zeros(count)))
+        slope = np.stack([np.array(self._balance.reactions(engine.motion(t, x, rate, second + add)[2], one))
                           - constant
                           for add, one in zip(per_newton.T, np.eye(count))], axis=-1)
         matrix, right = np.eye(count), np.zeros(count)

@@ -65,10 +65,10 @@ class LinkTree:
     Parameters
     ----------
     scene : Scene
-    free : set of str
-        Names of joints that are left out.
-    roots : sequence of str
-        Bodies that hang from the ground themselves: joints that tie one to another, or to the ground, close a loop.
+    fidelity : str
+        At ``"contact"`` guides are no joints, and each slider hangs from the ground itself: what a step leaves of J' v,
+        J the Jacobian of the contacts at its start, would move a slider that hangs on a turning body along its surface,
+        and off it. Joints that tie sliders to each other, or to the ground, close loops then.
 
     Attributes
     ----------
@@ -81,7 +81,9 @@ class LinkTree:
         For `stiction.engines.shared.step_kernels.motion` and its relatives.
     """
 
-    def __init__(self, scene: Scene, free: frozenset[str] = frozenset(), roots: Sequence[str] = ()):
+    def __init__(self, scene: Scene, fidelity: str = "joint"):
+        free = scene.guides if fidelity == "contact" else {}
+        roots = [guide.slider for guide in free.values()]
         driven = {frozenset(drive.bodies) for drive in scene.drives.values() if drive.type == "angle"}
 
         def rank(name: str) -> int:
@@ -149,6 +151,17 @@ class LinkTree:
                             angle=-joint.angle, sign=sign)
         self.link_of[child] = len(self.links)
         self.links.append(link)
+
+    def place(self, i: int) -> np.ndarray:
+        """The joint of a link in the frame of its parent, shape (3,)."""
+        link = self.links[i]
+        origin = self.links[link.parent].point if link.parent >= 0 else (0.0, 0.0)
+        return np.array([link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0])
+
+    def centre(self, i: int) -> np.ndarray:
+        """The centre of mass of a link in its frame, shape (3,)."""
+        x, y = self.links[i].point
+        return np.array([-x, -y, 0.0])
 
     def coordinates(self, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
         """Joint coordinates and velocities of the scene's start, each of shape (links,)."""

@@ -4,8 +4,8 @@ Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkT
 joints that close loops are ball joint constraints, corrected by `erp` of their error each step. Drives: actuators of
 prescribed velocity, at the rate of the law, constant or such that each step ends on it; which joints can be driven is
 said in `stiction.engines.shared.joint_coordinates`. Friction: the Coulomb friction of DART's joints at the bound of
-`stiction.engines.shared.friction_bound`. Springs, dampers, forces and torques are evaluated by the adapter and applied to
-the bodies.
+`stiction.engines.shared.friction_bound`. Springs, dampers, forces and torques are evaluated by the adapter and applied
+to the bodies.
 
 Contact fidelity. The slider has four small spheres whose outer points are the corners of a box of the guide's length
 and width, between two half-spaces, without clearance; or it is that box, between two fixed boxes. Normal forces and

@@ -114,7 +114,8 @@ class _DrakeStepper(TreeStepper):
         plant.SetUseSampledOutputPorts(False)
         for name in tree.loops:
             pin = scene.pins[name]
-            plant.AddBallConstraint(*self._side(pin.bodies[0], pin.points[0]), *self._side(pin.bodies[1], pin.points[1]))
+            (first, p), (second, q) = (self._side(body, point) for body, point in zip(pin.bodies, pin.points))
+            plant.AddBallConstraint(first, p, second, q)
         self._mass = start_mass(scene, tree)
         driven = [motor_link(scene, tree, drive)[0] for drive in scene.drives.values()]
         self._servos = {link: place for place, link in enumerate([*self.friction_links, *driven])}

@@ -122,9 +122,6 @@ class ExudynEngine(Engine):
         options = settings_of(settings, {**_CHOICES[fidelity], **numbers}, self.name, fidelity)
         if options["spectral_radius"] > 1:
             raise InputError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
-        for key, value in (("t_end", t_end), ("output_step", output_step)):
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f"{key}: found {value!r}; expected seconds, > 0")
         start = time.process_time()
         refuse_off(scene)
         with _own_words():
@@ -186,18 +183,21 @@ def _step(t_end: float) -> float:
 class _Simulation:
     """A scene in Exudyn, ready to step; columns from samples."""
 
-    scene: Scene
     model: Model
     stepper: Stepper
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
 
     def columns(self, samples: list[Sample]) -> dict[str, np.ndarray]:
         """All columns of a trajectory; reactions are Exudyn's multipliers and forces."""
         t, q, v, a, multipliers = (np.array([getattr(sample, name) for sample in samples])
                                    for name in ("t", "q", "v", "a", "multipliers"))
-        reactions = {**self.model.reactions(multipliers), **self._guides(samples, q)}
+        reactions = self.model.reactions(multipliers)
+        reactions |= self._guides(samples, q, reactions)
         return {**recover_columns(self.scene, t, q, v, a, reactions), **reactions}
 
-    def _guides(self, samples: list[Sample], q: np.ndarray) -> dict[str, np.ndarray]:
+    def _guides(self, samples: list[Sample], q: np.ndarray, joints: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         raise NotImplementedError
 
 
@@ -205,8 +205,9 @@ class _Joints(_Simulation):
     _frictional: Sequence[SlidingGuide]
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        self.scene = scene
+        super().__init__(scene)
         guides: list[FrictionalGuide] = []
+        self._frictional = guides
 
         def add_friction(model: Model) -> None:
             guides.extend(FrictionalGuide(model, name, guide) for name, guide in scene.frictional_guides.items()
@@ -217,12 +218,9 @@ class _Joints(_Simulation):
         # a Jacobian of the step, where its solution is repeated for the friction; else one from before costs less
         settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(guides)
         self.stepper = Stepper(self.model, guides, h, settings)
-        self._frictional = guides
 
-    def _guides(self, samples: list[Sample], q: np.ndarray) -> dict[str, np.ndarray]:
+    def _guides(self, samples: list[Sample], q: np.ndarray, joints: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         columns = {}
-        multipliers = np.array([sample.multipliers for sample in samples])
-        joints = self.model.reactions(multipliers)
         for i, guide in enumerate(self._frictional):
             modes, friction, surface_moments = np.array([sample.guides[i] for sample in samples]).T
             columns[f"{guide.name}.mode"] = modes.astype(np.int8)
@@ -235,8 +233,9 @@ class _Bristles(_Joints):
     """Joints with Exudyn's own friction."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        self.scene = scene
+        _Simulation.__init__(self, scene)
         guides: list[BristleGuide] = []
+        self._frictional = guides
 
         def add_bristles(model: Model) -> None:
             guides.extend(BristleGuide(model, name, guide, options["bristle_stiffness"], options["bristle_damping"],
@@ -251,14 +250,13 @@ class _Bristles(_Joints):
             for guide in guides:
                 guide.renew(multipliers)
 
-        self._frictional = guides
         self.stepper = Stepper(self.model, [], h, _solver_settings(self.model, h, options),
                                record=lambda: [guide.record() for guide in guides], before_step=renew)
 
 
 class _Contacts(_Simulation):
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        self.scene = scene
+        super().__init__(scene)
         self._zone = options["friction_zone"]
         self._boxes: list[ContactGuide] = []
 
@@ -282,7 +280,7 @@ class _Contacts(_Simulation):
             columns[f"{name}.mode"] = np.where(np.abs(speed) < self._zone, 0, np.sign(speed)).astype(np.int8)
         return columns
 
-    def _guides(self, samples: list[Sample], q: np.ndarray) -> dict[str, np.ndarray]:
+    def _guides(self, samples: list[Sample], q: np.ndarray, joints: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         columns: dict[str, np.ndarray] = {}
         for i, box in enumerate(self._boxes):
             columns |= box.columns(np.array([sample.guides[i] for sample in samples]), q)
@@ -290,13 +288,7 @@ class _Contacts(_Simulation):
 
 
 def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
-    """Exudyn's settings.
-
-    Raises
-    ------
-    Refused
-        If the integrator is an explicit one.
-    """
+    """Return Exudyn's settings; Refused if the integrator is an explicit one."""
     import exudyn
 
     settings = exudyn.SimulationSettings()

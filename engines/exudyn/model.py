@@ -226,10 +226,7 @@ class Model:
                                           loadVectorUserFunction=function))
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> Any:
-        """The law (or its rate) of an element of the scene as a user function.
-
-        Compiled by Exudyn, or in Python for tables.
-        """
+        """The law (or its rate) as a user function, compiled by Exudyn, or in Python for tables."""
         from exudyn.utilities import CreateSymbolicUserFunction
 
         vector = name == "loadVectorUserFunction"

@@ -73,13 +73,6 @@ class Counters:
 class Stepper:
     """Runs a model at fixed steps.
 
-    Attributes
-    ----------
-    samples : list of Sample
-    switches : list of Switch
-    counters : Counters
-    solver : Solver
-
     Parameters
     ----------
     model : Model
@@ -92,6 +85,13 @@ class Stepper:
         What to record of the guides at each sample; else (mode, friction, surface moment) of each of `guides`.
     before_step : callable, optional
         Called by Exudyn before each step, with the multipliers of the one before.
+
+    Attributes
+    ----------
+    samples : list of Sample
+    switches : list of Switch
+    counters : Counters
+    solver : Solver
 
     Raises
     ------
@@ -213,10 +213,7 @@ class Stepper:
         return done
 
     def _judge(self) -> list[float]:
-        """Renew the friction after a Newton solution.
-
-        Repeat the step, accept it, or end the steps where a mode is violated.
-        """
+        """Renew the friction after a Newton solution; repeat the step, accept it, or end where a mode is violated."""
         multipliers = self.solver.multipliers
         self._repetitions += 1
         if max([guide.renew(multipliers) for guide in self.guides]) > FRICTION_TOLERANCE:
@@ -273,11 +270,8 @@ class Stepper:
         self.counters.switches += 1
 
     def _stop(self, state: Sample, guides: list[FrictionalGuide]) -> None:
-        """Sliders that came to rest: they turn round if static friction lets them, else they stick.
-
-        Holding them and looking at the force instead would fail where a slider only turns round because the
-        mechanism does (a dead centre): there no force holds it.
-        """
+        """Turn sliders that came to rest round where static friction lets them; else they stick."""
+        # to hold them and look at the force would fail where the mechanism turns round: there no force holds them
         for guide in guides:
             guide.switch(-guide.mode)
             guide.coefficient = guide.mus
@@ -332,5 +326,5 @@ class Stepper:
         return self.solver.on_velocity_constraints(t, q, v, [guide.hold_row for guide in self.guides if guide.mode])
 
     def _sample(self) -> Sample:
-        state = self.solver.state()
-        return Sample(state.t, state.q, state.v, state.a, state.multipliers, self._record())
+        solver = self.solver
+        return Sample(solver.t, solver.q, solver.v, solver.accelerations(), solver.multipliers, self._record())

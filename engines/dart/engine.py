@@ -30,8 +30,7 @@ import numpy as np
 from stiction.engines.protocol import BadTrajectory, accepted, installed_version
 from stiction.engines.shared.contact_geometry import REACH, box_angle, direction_of, several_guides, slider_box
 from stiction.engines.shared.fixed_step import Defaults
-from stiction.engines.shared.friction_bound import ContactFriction
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, motor_link
+from stiction.engines.shared.joint_coordinates import ContactStepper, TreeAccelerations, TreeStepper, motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
@@ -115,10 +114,7 @@ class DartEngine(TreeEngine):
 
 @contextmanager
 def _loops_closed_by(erp: float) -> Iterator[None]:
-    """Have this share of a loop's error corrected in a step, at any speed.
-
-    DART has one value for the whole process: it comes back.
-    """
+    """Have this share of a loop's error corrected in a step, at any speed; DART has one value for the whole process."""
     from dartpy.constraint import BallJointConstraint as Loop
 
     before = Loop.getErrorReductionParameter(), Loop.getMaxErrorReductionVelocity()
@@ -262,11 +258,8 @@ class _Stepper(TreeStepper):
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
-class _ContactStepper(_Stepper):
+class _ContactStepper(ContactStepper, _Stepper):
     """Sliders between two fixed surfaces each."""
-
-    fidelity = "contact"
-    friction: ContactFriction
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         from dartpy.dynamics import Skeleton
@@ -321,31 +314,30 @@ class _ContactStepper(_Stepper):
                          (slider, other_slider)):
                 uncollided.addBodyNodePairToBlackList(*pair)
 
-    def advance(self, caps: Sequence[float]) -> None:
-        coefficients = self.friction.coefficients()
+    def rub(self, coefficients: Sequence[float]) -> None:
         if coefficients != self._set:
             self._set = coefficients
             for (_, touching, _, _), coefficient in zip(self._guides, coefficients):
                 for aspect in touching:
                     aspect.setFrictionCoeff(coefficient)
+
+    def advance(self, caps: Sequence[float]) -> None:
         super().advance(caps)
         for name, x, point in self._ends:
             if (distance := math.dist(self.position[x:x + 2], point)) > REACH:  # much farther, and ODE ends the process
                 raise BadTrajectory(f"dart: {name} is {distance:g} m from its guide's point; guides end at {REACH:g} m")
-        if self._guides:
-            contacts, normals, frictions = self._world.getLastCollisionResult().getContacts(), [], []
-            for number, _, ux, uy in self._guides:
-                forces = [contact.force.tolist() for contact in contacts if self._alone or _guide_of(contact) == number]
-                normals.append(sum([abs(ux * fy - uy * fx) for fx, fy, _ in forces]) / self._unit)
-                frictions.append(sum([abs(ux * fx + uy * fy) for fx, fy, _ in forces]) / self._unit)
-            self.friction.observe(self.position, self.velocity, coefficients, normals, frictions)
+
+    def contact_forces(self) -> tuple[list[float], list[float]]:
+        contacts, normals, frictions = self._world.getLastCollisionResult().getContacts(), [], []
+        for number, _, ux, uy in self._guides:
+            forces = [contact.force.tolist() for contact in contacts if self._alone or _guide_of(contact) == number]
+            normals.append(sum([abs(ux * fy - uy * fx) for fx, fy, _ in forces]) / self._unit)
+            frictions.append(sum([abs(ux * fx + uy * fy) for fx, fy, _ in forces]) / self._unit)
+        return normals, frictions
 
 
 def _touch(body: Any, number: int, shape: Any, place: Any) -> Any:
-    """Give a body of a guide a shape that touches, named by the guide's number.
-
-    Its dynamics, whose coefficient of friction is 1 until it is set.
-    """
+    """Give a body a shape that touches, named by its guide's number; returns its dynamics, of friction 1 until set."""
     node = body.createShapeNode(shape, f"{number} {body.getNumShapeNodes()}")
     node.setRelativeTransform(place)
     node.createCollisionAspect()
@@ -369,8 +361,7 @@ def _spheres(guide: Translational) -> list[tuple[Any, Any]]:
 def _box(guide: Translational) -> list[tuple[Any, Any]]:
     from dartpy.dynamics import BoxShape
 
-    return [(BoxShape(np.array([*guide.extent, 2 * _DEPTH])),
-             _placed(guide.slider_point, box_angle(guide)))]
+    return [(BoxShape(np.array([*guide.extent, 2 * _DEPTH])), _placed(guide.slider_point, box_angle(guide)))]
 
 
 def _half_spaces(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any]]:

@@ -135,12 +135,7 @@ def _coefficients(mu: float, mus: float) -> tuple[float, float]:
 
 
 class _Simulation:
-    """A scene in Drake's simulator.
-
-    Attributes
-    ----------
-    clock : EngineClock
-    """
+    """A scene in Drake's simulator."""
 
     def __init__(self, scene: Scene, tree: LinkTree, options: Mapping[str, Any], accuracy: float):
         from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ContactModel
@@ -176,8 +171,7 @@ class _Simulation:
     def _land(self, boxes: Boxes, start: np.ndarray, velocity: np.ndarray, period: float) -> None:
         """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
 
-        A step of CENIC is tried some times, after each of which all is as before but how deep the bodies are; then the
-        bodies go back and the boxes stay.
+        After each trial step all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
         """
         from pydrake.systems.analysis import ResetIntegratorFromFlags
 

@@ -33,8 +33,7 @@ from stiction.engines.drake.continuous import METHOD, run_continuous
 from stiction.engines.drake.plant import Plant, start_mass
 from stiction.engines.protocol import accepted, installed_version
 from stiction.engines.shared.fixed_step import Defaults
-from stiction.engines.shared.friction_bound import ContactFriction
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, motor_link
+from stiction.engines.shared.joint_coordinates import ContactStepper, TreeAccelerations, TreeStepper, motor_link
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene, Trajectory
 
@@ -100,7 +99,9 @@ class DrakeEngine(TreeEngine):
 
 
 class _DrakeStepper(TreeStepper):
-    """A scene as discrete plant with drives and loads; subclasses add friction."""
+    """A scene as discrete plant with drives and loads; subclasses add friction and the `_output` that they read."""
+
+    _output: Any
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         from pydrake.multibody.math import SpatialForce
@@ -155,20 +156,23 @@ class _DrakeStepper(TreeStepper):
         self._wished[1, self._servos[link]] = rate
         self._given.GetMutableData().get_mutable_value().SetFromVector(self._wished.reshape(-1))
 
-    def _push(self) -> None:
-        loads = self.loads.tolist()
-        for i, force in enumerate(self._applied):
-            fx, fy, torque = loads[3 * i:3 * i + 3]
-            force.F_Bq_W = self._force((0.0, 0.0, torque), (fx, fy, 0.0))
-        self._pushed.GetMutableData().set_value(self._applied)
+    def advance(self, caps: Sequence[float]) -> None:
+        if self.loaded:
+            loads = self.loads.tolist()
+            for i, force in enumerate(self._applied):
+                fx, fy, torque = loads[3 * i:3 * i + 3]
+                force.F_Bq_W = self._force((0.0, 0.0, torque), (fx, fy, 0.0))
+            self._pushed.GetMutableData().set_value(self._applied)
+        self._values = self.clock.call(self._step)
+        self.position[:], self.velocity[:] = self._links.state()
 
-    def _step(self, output: Any) -> Any:
-        """The engine's step; returns this output of the plant in it."""
+    def _step(self) -> Any:
+        """The engine's step; returns the plant's output in it."""
         try:
             after = self._plant.EvalUniquePeriodicDiscreteUpdate(self._context)
         except RuntimeError as error:  # Drake's word for a state that is not finite any more
             raise FloatingPointError(str(error).partition(". ")[0]) from error
-        values = output.Eval(self._context)
+        values = self._output.Eval(self._context)
         self._context.SetDiscreteState(after)
         return values
 
@@ -181,7 +185,7 @@ class _JointStepper(_DrakeStepper):
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         super().__init__(scene, h, options)
-        self._effort = self._plant.get_net_actuation_output_port()
+        self._output = self._plant.get_net_actuation_output_port()
 
     def _surround(self, scene: Scene) -> None:
         from pydrake.multibody.plant import DiscreteContactApproximation
@@ -191,25 +195,19 @@ class _JointStepper(_DrakeStepper):
     def advance(self, caps: Sequence[float]) -> None:
         for brake, cap in zip(self._brakes, caps):
             brake.set_effort_limit(max(cap, _LEAST))
-        if self.loaded:
-            self._push()
-        effort = self.clock.call(self._step, self._effort)
-        self.position[:], self.velocity[:] = self._links.state()
-        self.held[:] = np.abs(effort[:len(self._brakes)])
+        super().advance(caps)
+        self.held[:] = np.abs(self._values[:len(self._brakes)])
 
 
-class _ContactStepper(_DrakeStepper):
+class _ContactStepper(ContactStepper, _DrakeStepper):
     """Sliders as boxes whose corners touch the guide's surfaces."""
-
-    fidelity = "contact"
-    friction: ContactFriction
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         for name in ("near_rigid", "stiction_tolerance"):
             if not options[name] > 0:
                 raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
         super().__init__(scene, h, options)
-        self._results = self._plant.get_contact_results_output_port()
+        self._output = self._plant.get_contact_results_output_port()
         self._normals = [0.0] * len(scene.frictional_guides)
 
     def _surround(self, scene: Scene) -> Any:
@@ -238,12 +236,11 @@ class _ContactStepper(_DrakeStepper):
     def _land(self) -> None:
         """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
 
-        A first step is tried some times, after each of which all is as before but how deep the bodies are; then the
-        bodies go back and the boxes stay. The frictions of the steps before are forgotten: a slider that its surfaces
-        do not carry yet slips, and would begin with the kinetic coefficient.
+        After each trial step all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
+        Frictions of these steps are forgotten: a slider that its surfaces do not carry yet slips, and would begin with
+        the kinetic coefficient.
         """
-        start, velocity = self.position.copy(), self.velocity.copy()
-        position = start.copy()
+        start, position, velocity = self.position.copy(), self.position.copy(), self.velocity.copy()
         for _ in range(_LANDING):
             self.step()
             self._boxes.sink(position, self.position)
@@ -258,20 +255,15 @@ class _ContactStepper(_DrakeStepper):
         self.friction.forget(position, velocity)
         self.begin()
 
-    def advance(self, caps: Sequence[float]) -> None:
-        coefficients = self.friction.coefficients()
+    def rub(self, coefficients: Sequence[float]) -> None:
         self._boxes.rub(coefficients)
-        if self.loaded:
-            self._push()
-        results = self.clock.call(self._step, self._results)
-        self.position[:], self.velocity[:] = self._links.state()
-        if coefficients:
-            normals, frictions = self._boxes.forces(results)
-            bounds = [coefficient * normal for coefficient, normal in zip(coefficients, self._normals)]
-            frictions = [max(friction, bound) if friction > _SLIPS * bound else friction
-                         for friction, bound in zip(frictions, bounds)]
-            self.friction.observe(self.position, self.velocity, coefficients, self._normals, frictions)
-            self._normals = normals
+
+    def contact_forces(self) -> tuple[list[float], list[float]]:
+        before = self._normals
+        self._normals, frictions = self._boxes.forces(self._values)
+        bounds = [coefficient * normal for coefficient, normal in zip(self.friction.coefficients(), before)]
+        return before, [max(friction, bound) if friction > _SLIPS * bound else friction
+                        for friction, bound in zip(frictions, bounds)]
 
 
 class _Accelerations(TreeAccelerations):

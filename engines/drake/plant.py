@@ -16,8 +16,6 @@ class Plant:
 
     Parameters
     ----------
-    scene : Scene
-    tree : LinkTree
     time_step : float
         Seconds; 0 for a continuous plant.
     least_mass : float
@@ -25,9 +23,8 @@ class Plant:
 
     Attributes
     ----------
-    plant : MultibodyPlant
-    bodies, joints : list
-        Drake's, of each link and to its parent.
+    plant, bodies, joints
+        Drake's plant, its body of each link and the joint to its parent.
     system, root, context
         Drake's diagram (or the plant alone), its context and the plant's, once it is finalized.
     """
@@ -61,13 +58,7 @@ class Plant:
             self.bodies.append(body)
 
     def finalize(self, builder: Any = None) -> None:
-        """End the model and make its context; before, the plant may be added to, and nothing of it be computed.
-
-        Parameters
-        ----------
-        builder : DiagramBuilder
-            Which the plant is part of; none of a plant alone.
-        """
+        """End the model, alone or part of a diagram's `builder`, and make its context; nothing is computed before."""
         if not self.plant.is_finalized():
             self.plant.Finalize()
         self._order = np.array([joint.velocity_start() for joint in self.joints], dtype=int)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import math
 import re
 import time
 from collections.abc import Iterator, Mapping, Sequence

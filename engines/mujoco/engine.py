@@ -242,6 +242,7 @@ class _ContactStepper(_Stepper):
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
         super().__init__(scene, h, options, warnings)
+        self.friction = ContactFriction(scene, self.tree)
         model, self._impedance = self.model, options["impedance"]
         self._adapted = options["friction_damping"] == "adapted"
         self._times = partial(slip_reference, options["slip_reference"], self._impedance)

@@ -34,8 +34,7 @@ import numpy as np
 from stiction.engines.protocol import accepted, installed_version
 from stiction.engines.shared.contact_geometry import REACH, box_angle, crowded, direction_of, several_guides
 from stiction.engines.shared.fixed_step import Defaults
-from stiction.engines.shared.friction_bound import ContactFriction
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper
+from stiction.engines.shared.joint_coordinates import ContactStepper, TreeAccelerations, TreeStepper
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
@@ -249,11 +248,8 @@ class _Stepper(TreeStepper):
             held[i] = abs(states[link][3])
 
 
-class _ContactStepper(_Stepper):
+class _ContactStepper(ContactStepper, _Stepper):
     """Sliders as boxes between two fixed boxes each."""
-
-    fidelity = "contact"
-    friction: ContactFriction
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
         super().__init__(scene, h, options, client)
@@ -293,17 +289,16 @@ class _ContactStepper(_Stepper):
         bullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self._client)
         return body
 
-    def advance(self, caps: Sequence[float]) -> None:
-        bullet, coefficients = self._bullet, self.friction.coefficients()
+    def rub(self, coefficients: Sequence[float]) -> None:
         for link, coefficient in zip(self._guides, coefficients):
-            bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client)
-        super().advance(caps)
-        if self._guides:
-            contacts = [bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
-                        for link in self._guides]
-            normals = [sum([contact[9] for contact in found]) for found in contacts]
-            frictions = [sum([math.hypot(contact[10], contact[12]) for contact in found]) for found in contacts]
-            self.friction.observe(self.position, self.velocity, coefficients, normals, frictions)
+            self._bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient,
+                                        physicsClientId=self._client)
+
+    def contact_forces(self) -> tuple[list[float], list[float]]:
+        contacts = [self._bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
+                    for link in self._guides]
+        return ([sum([contact[9] for contact in found]) for found in contacts],
+                [sum([math.hypot(contact[10], contact[12]) for contact in found]) for found in contacts])
 
 
 class _Accelerations(TreeAccelerations):

@@ -82,5 +82,4 @@ def slider_box(guide: Translational, clearance: float) -> list[tuple[float, floa
     x0, y0 = guide.slider_point
     length, width = guide.extent
     a, b = length / 2, (width - clearance) / 2
-    return [(x0 + c * x - s * y, y0 + s * x + c * y)
-            for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))]
+    return [(x0 + c * x - s * y, y0 + s * x + c * y) for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))]

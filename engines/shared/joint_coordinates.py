@@ -16,7 +16,7 @@ import numpy as np
 from stiction.engines.protocol import Refused
 from stiction.engines.shared.acceleration_integrator import Accelerations
 from stiction.engines.shared.fixed_step import Sample, Stepper
-from stiction.engines.shared.friction_bound import ContactFriction, FrictionBound
+from stiction.engines.shared.friction_bound import ContactFriction, FrictionBound, GuideFriction
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.step_kernels import JointStep, begin_joints, finish_joints, motion
@@ -100,8 +100,7 @@ their start's."""
 class TreeStepper(Stepper):
     """A tree of links with drives and loads, one step ahead of its samples; subclasses have the engine.
 
-    At joint fidelity the engine holds the joints of frictional guides by a friction with an upper bound, at contact
-    fidelity its contacts find their friction.
+    The engine holds the joints of frictional guides by a friction with an upper bound; see `ContactStepper`.
 
     Parameters
     ----------
@@ -128,7 +127,7 @@ class TreeStepper(Stepper):
     """
 
     fidelity: ClassVar[str] = "joint"
-    friction: FrictionBound | ContactFriction
+    friction: GuideFriction
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         super().__init__()
@@ -137,7 +136,7 @@ class TreeStepper(Stepper):
         self.loaded = bool(scene.springs or scene.forces)
         # of every scene: one that is too large for it is refused before the engine has it
         self._bound = FrictionBound(scene, options.get("passes", 1), capped)
-        self.friction = self._bound if capped else ContactFriction(scene, tree)
+        self.friction = self._bound
         self.held, self.balanced = self._bound.held, bool(len(self._bound.held))
         link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
         self.friction_links = [link_of_joint[name] for name in scene.frictional_guides] if capped else []
@@ -172,6 +171,7 @@ class TreeStepper(Stepper):
 
         Sets position, velocity and `held`.
         """
+        raise NotImplementedError
 
     @abstractmethod
     def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
@@ -207,6 +207,32 @@ class TreeStepper(Stepper):
     def samples(self, every: int) -> Iterator[Sample]:
         self.step()
         return super().samples(every)
+
+
+class ContactStepper(TreeStepper):
+    """Steps of a tree whose sliders contacts hold; to be derived from together with an engine's `TreeStepper`."""
+
+    fidelity = "contact"
+    friction: ContactFriction
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], *engine: Any):
+        super().__init__(scene, h, options, *engine)
+        self.friction = ContactFriction(scene, self.tree)
+
+    @abstractmethod
+    def rub(self, coefficients: Sequence[float]) -> None:
+        """Give the contacts of each frictional guide its coefficient of friction."""
+
+    @abstractmethod
+    def contact_forces(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Per frictional guide: sums of the magnitudes of its contacts' normal and tangential forces (N)."""
+
+    def advance(self, caps: Sequence[float]) -> None:
+        coefficients = self.friction.coefficients()
+        self.rub(coefficients)
+        super().advance(caps)
+        if coefficients:
+            self.friction.observe(self.position, self.velocity, coefficients, *self.contact_forces())
 
 
 class TreeAccelerations(Accelerations):

@@ -103,11 +103,10 @@ def velocities(run: Examined) -> Iterator[str]:
     """Velocities are the derivatives of positions.
 
     Both move each body along its velocity by the same, with their means removed. Between two instants a velocity is
-    known to the change that it shows there: half of it is the error of the trapezoidal rule on a velocity that only
-    rises or only falls, the other half that of an engine that moves with the velocity at the end of its step. Where the
-    mechanism as a whole changes all of its velocity, nothing is known. Nor is a mean: what vibrates once between two
-    instants has the same velocity at both and stays. Motions that are small against the mechanism and the longest way,
-    as of a box that rattles in its guide, are not judged: engines correct positions by as much.
+    known to the change that it shows there: half of it for the trapezoidal rule, half for engines that move with the
+    velocity at the end of a step. Where all of it changes, nothing is known, nor is a mean: what vibrates once between
+    two instants stays. Motions that are small against the mechanism and the longest way are not judged: engines correct
+    positions by as much.
     """
     found, size = run.found, run.size
     q, v, a = (values * np.tile([1.0, 1.0, size], len(run.scene.bodies)) for values in run.motion)
@@ -313,10 +312,7 @@ def cone(run: Examined) -> Iterator[str]:
 
 
 def _baumgarte_force(run: Examined) -> np.ndarray:
-    """Force by which Baumgarte's terms answer the drift, N.
-
-    All masses times 2 alpha Phi' + beta^2 Phi (paper, eq. 25).
-    """
+    """Force of Baumgarte's terms, all masses times 2 alpha Phi' + beta^2 Phi (paper, eq. 25), N."""
     law = run.found.settings.get("stabilization")
     if not isinstance(law, Mapping) or law.get("method") != "baumgarte":
         return np.zeros(len(run.found.t))

@@ -33,8 +33,6 @@ from stiction.engines.protocol import Refused
 from stiction.engines.registry import EngineMissing, absolute_name, load_engine
 from stiction.scenes import Scene, StictionError, Trajectory
 
-STATUSES = ("ok", "refused", "failed", "timed out", "crashed", "missing")
-
 _START_S = 120.0  # a child that takes longer to import the main module will never be there
 _FAILED_STARTS = 5  # in a row: then the cause is the machine or the caller's script, not chance
 _GRACE_S = 2.0  # between the end of a child's pipe and the end of the child
@@ -155,8 +153,10 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         If children cannot be started. They import the main module, so a script must call this under
         ``if __name__ == "__main__":``.
 
-    Notes ----- Whatever ends this call, an interrupt included, and another one behind it, no child outlives it. If this
-    process itself is killed, its children leave as soon as their engine lets Python run.
+    Notes
+    -----
+    Whatever ends this call, an interrupt included, and another one behind it, no child outlives it. If this process
+    itself is killed, its children leave as soon as their engine lets Python run.
     """
     workers = (os.cpu_count() or 1) if workers is None else workers
     if workers < 1 or not timeout_s > 0:
@@ -197,12 +197,8 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                             if workers > 1:  # no core waits for what is made of the outcome; one child alone has none
                                 feed(child)
                             settle(index, **_read(message), log=log)
-                    elif (
-                        child.connection in arrived
-                        or time.monotonic() >= child.deadline
-                        and not child.connection.poll()
-                    ):
-                        # it may have come since
+                    elif child.connection in arrived or (time.monotonic() >= child.deadline
+                                                         and not child.connection.poll()):  # it may have come since
                         children.remove(child)
                         result = child.end(timed_out=child.connection not in arrived)
                         if child.task is not None:
@@ -245,10 +241,7 @@ class _Child:
         return self.ready and self.task is None
 
     def give(self, task: int, call: bytes, timeout_s: float) -> bool:
-        """Start a task, its log empty even if the child ends before it reads it.
-
-        False if the child ended while it was idle (its connection will tell).
-        """
+        """Start a task, with an empty log; False if the child ended while it was idle (its connection will tell)."""
         os.truncate(self._log, 0)
         try:
             self.connection.send_bytes(call)

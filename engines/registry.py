@@ -94,10 +94,7 @@ def label_of(name: str) -> str:
 
 @lru_cache(maxsize=1)
 def _announced(path: tuple[str, ...]) -> Mapping[str, str]:
-    """Addresses by name of the engines that packages announce which are found on `path`.
-
-    Every run asks, and reading them takes 7 ms.
-    """
+    """Addresses by name of the engines that packages on `path` announce; reading them takes 7 ms."""
     return {entry.name: entry.value for entry in entry_points(group=ENTRY_POINT_GROUP)}
 
 

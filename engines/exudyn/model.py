@@ -229,13 +229,10 @@ class Model:
         """The law (or its rate) as a user function, compiled by Exudyn, or in Python for tables."""
         from exudyn.utilities import CreateSymbolicUserFunction
 
-        vector = name == "loadVectorUserFunction"
-        if isinstance(law, (Constant, Linear, Sine)):
-            def value(t: Any) -> Any:
-                return self._expression(law, t, derivative)
-        else:
-            def value(t: Any) -> Any:
-                return evaluate_law(law, t)[derivative]
+        symbolic = isinstance(law, (Constant, Linear, Sine))
+
+        def value(t: Any) -> Any:
+            return self._expression(law, t, derivative) if symbolic else evaluate_law(law, t)[derivative]
 
         def of_load(system: Any, t: Any, load: Any) -> list[Any]:
             return [value(t) * load[0], value(t) * load[1], value(t) * load[2]]
@@ -243,14 +240,14 @@ class Model:
         def of_item(system: Any, t: Any, item: Any, offset: Any) -> Any:
             return value(t)
 
-        function: Callable[..., Any] = of_load if vector else of_item
-        if not isinstance(law, (Constant, Linear, Sine)):
+        function: Callable[..., Any] = of_load if name == "loadVectorUserFunction" else of_item
+        if not symbolic:
             return function
         function = CreateSymbolicUserFunction(self.system, function, name, itemTypeName=item)
         self._functions.append(function)
         return function
 
-    def _expression(self, law: Constant | Linear | Sine, t: Any, derivative: int) -> Any:
+    def _expression(self, law: Any, t: Any, derivative: int) -> Any:
         """The law (derivative 0) or its rate (1) in Exudyn's symbols."""
         symbols = self._symbolic
         if isinstance(law, Constant):

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import copysign, nan
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -50,8 +50,7 @@ class Sample:
     guides: list[Any]
 
 
-@dataclass(frozen=True)
-class Switch:
+class Switch(NamedTuple):
     """A located change of contact mode."""
 
     kind: str
@@ -71,7 +70,7 @@ class Counters:
 
 
 class Stepper:
-    """Runs a model at fixed steps.
+    """Runs a model at fixed steps, of which `samples`, `switches` and `counters` tell; `solver` is Exudyn's.
 
     Parameters
     ----------
@@ -85,13 +84,6 @@ class Stepper:
         What to record of the guides at each sample; else (mode, friction, surface moment) of each of `guides`.
     before_step : callable, optional
         Called by Exudyn before each step, with the multipliers of the one before.
-
-    Attributes
-    ----------
-    samples : list of Sample
-    switches : list of Switch
-    counters : Counters
-    solver : Solver
 
     Raises
     ------

@@ -36,18 +36,9 @@ _PLACEHOLDER = 1.0
 class Options:
     """MuJoCo's own options of a model.
 
-    Attributes
-    ----------
-    timestep : float
-        Seconds. Friction brings a slider to rest within one (``solreffriction``), loops close within one.
-    iterations : int
-        Of the solver.
-    impedance : float
-        MuJoCo's constraints are soft: this share of the force that would hold is applied (``solimp``); less than 1.
-    solver, integrator : str
-        By MuJoCo's names.
-    noslip : bool
-        True where frictions are solved for once more, as if they were hard (``noslip_iterations``).
+    In the `timestep`, s, friction brings a slider to rest (``solreffriction``), and loops close. MuJoCo's constraints
+    are soft: the share `impedance` < 1 of the force that would hold is applied (``solimp``). `noslip`: frictions are
+    solved for once more, as if they were hard.
     """
 
     timestep: float
@@ -65,15 +56,14 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
     Parameters
     ----------
     tree : LinkTree
-        Of the scene. Its links become bodies and joints; joints that close loops become constraints.
+        Its links become bodies and joints; joints that close loops become constraints.
     driven : Mapping of int to float
         By the link that a drive moves, the rate of the link's coordinate at the start (m/s, rad/s).
-    options : Options
     softness : Softness, optional
         Of the contacts of sliders, whose guides are no joints of the tree then.
     loaded : bool
-        Whether springs, dampers, loads and drives are part of the model, with a header that says what is not; else they
-        are the caller's to apply.
+        True for springs, dampers, loads and drives in the model, with a header that says what is not; else they are the
+        caller's to apply.
     """
     root = xml.Element("mujoco", model=scene.name)
     xml.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")

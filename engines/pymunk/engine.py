@@ -227,10 +227,7 @@ class _PymunkStepper(Stepper):
 class _SpaceState:
     """The states of a space's bodies as arrays, read and written in one call each.
 
-    Attributes
-    ----------
-    data : SpaceStep
-        As last fetched; its `before` is what is written by `retreat`, its `pushed` are the loads to be pushed.
+    `data` is as last fetched; its `before` is what `retreat` writes, its `pushed` the loads.
     """
 
     def __init__(self, space: Space, bodies: Sequence[int], h: float, bound: FrictionBound, loaded: bool):
@@ -391,10 +388,7 @@ class _ContactStepper(_PymunkStepper):
 
 
 def _arbiter_buffer(count: int) -> tuple[Buffer, np.ndarray, np.ndarray]:
-    """A buffer of the library for so many arbiters (pairs of shapes that touch), and its memory.
-
-    `SpaceContacts.touching` and `impulse`.
-    """
+    """A buffer for so many arbiters (pairs of shapes that touch), and `SpaceContacts.touching` and `impulse` in it."""
     from pymunk.batch import Buffer
 
     touching, impulse = np.zeros(2 * count + _SPARE, dtype=np.uint64), np.zeros(4 * count + _SPARE)
@@ -440,10 +434,7 @@ def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray
 
 
 def _least_accelerations(scene: Scene, balance: MomentumBalance) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smallest accelerations, in the metric of the masses, that hold constraints and sliders at rest.
-
-    Without laws of drives behind it.
-    """
+    """Return the least accelerations, by masses, that hold constraints and sliders at rest; without laws behind it."""
     balance.assemble(0.0, *balance.initial)
     m, w = balance.data.m, balance.data.w
     slowest = AT_REST * max(m.length_scale, np.abs(balance.initial[1]).max())

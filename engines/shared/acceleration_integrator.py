@@ -20,15 +20,15 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
-from stiction.engines.protocol import EngineFailure
+from stiction.engines.protocol import Engine, EngineFailure
 from stiction.engines.reference.engine import output_times
 from stiction.engines.shared.engine_clock import EngineClock
+from stiction.engines.shared.fixed_step import columns_of_motion
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, event_functions
 from stiction.reference_impl.friction.coulomb import friction_coefficients
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Cost, Event, InputError, Scene, Trajectory
 from stiction.scenes.trajectory import rows_of
 
@@ -133,10 +133,7 @@ class _Frictional:
         return self.engine.signs * y[len(y) // 2:][self.engine.guides]
 
     def at_rest(self, t: float, y: np.ndarray, mode: _Mode, guide: int, held: bool) -> None:
-        """Decide about a guide whose slip velocity is zero but for rounding, in place.
-
-        It sticks if it may be `held` and static friction can do it; else it slips where it is drawn.
-        """
+        """Have a guide at rest stick, in place, if it may be `held` and static friction can; else slip where drawn."""
         y[len(y) // 2:][self.engine.guides[guide]] = 0.0
         mode.slip[guide] = 0
         instant = self.at(t, y, mode)
@@ -189,28 +186,18 @@ class _Record:
 
     def columns(self) -> dict[str, np.ndarray]:
         q, v, a, friction, slip = (np.array(part) for part in zip(*self._rows))
-        known: dict[str, np.ndarray] = {}
-        for i, name in enumerate(self._scene.frictional_guides):
-            known |= {f"{name}.friction": friction[:, i], f"{name}.mode": slip[:, i]}
-        return recover_columns(self._scene, np.array(self.t), q, v, a, known)
+        return columns_of_motion(self._scene, np.array(self.t), q, v, a, slip, friction)
 
 
 def tolerance_of(dt: float | None, rtol: float | None, fidelity: str, settings: Mapping[str, Any]) -> float:
-    """The tolerance, `DEFAULT_TOLERANCE` where none is given; arguments as `Engine.run` got them.
-
-    Raises
-    ------
-    InputError
-        If there is a step, another fidelity than joint, or another setting than the method.
-    """
+    """Return the tolerance; InputError if there is a step, another fidelity than joint, or another setting."""
     if dt is not None or fidelity != "joint" or len(settings) > 1:
         raise InputError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
     return DEFAULT_TOLERANCE if rtol is None else rtol
 
 
-def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, version: str, t_end: float, rtol: float,
-              output_step: float,
-              setup_s: float) -> Trajectory:
+def integrate(accelerations: Accelerations, scene: Scene, engine: Engine, *, t_end: float, rtol: float,
+              output_step: float, setup_s: float) -> Trajectory:
     """Integrate from t = 0 to t_end with local errors of rtol (1 + |x|), in m, rad and their rates.
 
     Parameters
@@ -275,7 +262,7 @@ def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, versio
         events = [Event(sides.t[2 * i], kind, guide, rows[2 * i], rows[2 * i + 1])
                   for i, (kind, guide) in enumerate(switches)]
     return Trajectory(
-        scene=scene.name, engine=engine, version=version, fidelity="joint", t=np.array(samples.t),
+        scene=scene.name, engine=engine.name, version=engine.version, fidelity="joint", t=np.array(samples.t),
         columns=samples.columns(),
         events=tuple(events), settings={"rtol": rtol, "method": METHOD, "friction_law": FRICTION_LAW},
         cost=Cost(setup_s, compiled - started, ended - compiled,

@@ -50,11 +50,11 @@ class Stepper(ABC):
     clock : EngineClock
         Its calls are passes: steps of the engine, repeated ones included.
     balanced : bool
-        Whether each pass has a solution of the balance of momentum, for the friction bound.
+        True where each pass has a solution of the balance of momentum, for the friction bound.
     settling : int
-        Samples at the start whose acceleration and friction are those of the one behind them. For engines that hold
-        constraints by velocities: their first steps turn the consistent start into velocities that lead the next
-        position back onto the constraints, and their accelerations, off by O(1), are not the motion's.
+        Samples at the start whose acceleration and friction are those of the one behind them. Engines that hold
+        constraints by velocities turn the consistent start into ones that lead the next position back onto the
+        constraints; the accelerations of these steps, off by O(1), are not the motion's.
     """
 
     settling = 0
@@ -107,20 +107,7 @@ def step_of(dt: float | None, t_end: float) -> float:
 
 
 def steps_between_outputs(steps: int, wish: float) -> int:
-    """Steps from one output to the next: as many as wished, or less, so that one of them is at the end.
-
-    Parameters
-    ----------
-    steps
-        Of the whole run.
-    wish
-        Distance of the outputs in steps.
-
-    Returns
-    -------
-    int
-        The largest divisor of `steps` that is not above the wish, rounded.
-    """
+    """Steps from one output to the next: the largest divisor of all `steps` that is not above the wish, rounded."""
     wish = min(steps, max(1, round(wish)))
     return next(every for every in range(wish, 0, -1) if steps % every == 0)
 
@@ -131,11 +118,6 @@ Defaults = Mapping[str, int | float | tuple[str, ...]]
 
 def settings_of(given: Mapping[str, Any], defaults: Defaults, engine: str, fidelity: str) -> dict[str, Any]:
     """The engine's settings with those given put in; their type is that of the default.
-
-    Parameters
-    ----------
-    defaults
-        Numbers; or all the words that a setting may be, the default first.
 
     Raises
     ------
@@ -247,13 +229,9 @@ class SteppedEngine(Engine):
 
 def columns_of_motion(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, modes: np.ndarray,
                       frictions: np.ndarray) -> dict[str, np.ndarray]:
-    """Return all columns of a motion at n instants.
+    """Return all columns of a motion, with a column of modes and frictions (N) for each frictional guide.
 
-    Parameters
-    ----------
-    q, v, a : ndarray, shape (n, 3 * bodies)
-    modes, frictions : ndarray, shape (n, frictional)
-        Of the frictional guides; a friction (N) that is NaN is recovered from the balance of momentum.
+    A friction that is NaN is recovered from the balance of momentum.
     """
     known: dict[str, np.ndarray] = {}
     for i, name in enumerate(scene.frictional_guides):

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, hypot, sin
+from math import cos, sin
 
 import numpy as np
 from scipy.cluster.hierarchy import DisjointSet
 
+from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.step_kernels import Tree, motion
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
@@ -26,23 +27,19 @@ class Link:
 
     Attributes
     ----------
-    body : str or None
-        None: without mass, half of a free body's joint.
-    joint : str or None
-        The scene's joint.
+    body, joint : str or None
+        The scene's; a link without body has no mass, and is half of a free body's joint.
     parent : int
         Index of the parent link; -1 is the ground.
     slides : bool
         Along `axis` (axes of this link) or, if not, turns.
-    anchor : tuple of float
-        The joint's point in the parent, from the parent's centre of mass (m).
-    point : tuple of float
-        The joint's point in this link, from its centre of mass (m).
+    anchor, point : tuple of float
+        The joint's point in the parent and in this link, from their centres of mass (m).
     angle : float
         Angle of this link minus that of the parent at joint coordinate 0.
     sign : int
-        +1 if the joint coordinate grows as the scene's does (displacement of a guide; angle of the first body
-        minus that of the second), -1 if against it.
+        +1 if the joint coordinate grows as the scene's does (displacement of a guide; angle of the first body minus
+        that of the second), -1 if against it.
     """
 
     body: str | None
@@ -140,8 +137,7 @@ class LinkTree:
             point, anchor = joint.points if first else joint.points[::-1]
             link = Link(*common, slides=False, anchor=anchor, point=point, sign=sign)
         else:
-            length = hypot(*joint.direction)
-            ux, uy = joint.direction[0] / length, joint.direction[1] / length
+            ux, uy = direction_of(joint)
             if first:  # the guide's direction in the slider's axes
                 c, s = cos(joint.angle), sin(joint.angle)
                 link = Link(*common, slides=True, axis=(c * ux + s * uy, -s * ux + c * uy), anchor=joint.point,

@@ -63,5 +63,5 @@ class TreeEngine(SteppedEngine):
         start, tolerance = time.process_time(), tolerance_of(dt, rtol, fidelity, settings)
         refuse_off(scene)
         with self.accelerations(scene) as accelerations:
-            return integrate(accelerations, scene, engine=self.name, version=self.version, t_end=t_end,
-                             rtol=tolerance, output_step=output_step, setup_s=time.process_time() - start)
+            return integrate(accelerations, scene, self, t_end=t_end, rtol=tolerance, output_step=output_step,
+                             setup_s=time.process_time() - start)

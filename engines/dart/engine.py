@@ -2,18 +2,13 @@
 
 Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints;
 joints that close loops are ball joint constraints, corrected by `erp` of their error each step. Drives: actuators of
-prescribed velocity, at the rate of the law, constant or such that each step ends on it; which joints can be driven is
-said in `stiction.engines.shared.joint_coordinates`. Friction: the Coulomb friction of DART's joints at the bound of
-`stiction.engines.shared.friction_bound`. Springs, dampers, forces and torques are evaluated by the adapter and applied
-to the bodies.
+prescribed velocity. Friction: the Coulomb friction of DART's joints at the bound.
 
 Contact fidelity. The slider has four small spheres whose outer points are the corners of a box of the guide's length
-and width, between two half-spaces, without clearance; or it is that box, between two fixed boxes. Normal forces and
-friction are the engine's contacts. They are solved by DART's projected Gauss-Seidel to convergence: of contacts in the
-plane Dantzig's matrix is singular, and where it is not, his friction is bound by the normal forces without friction.
-Each slider is the root of a tree, so that a step ends on the surface on which it slid; joints from one tree to another
-are loops. The static coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to
-reverse, mu otherwise.
+and width, between two half-spaces, without clearance; or it is that box, between two fixed boxes. Contacts are solved
+by DART's projected Gauss-Seidel to convergence: of contacts in the plane Dantzig's matrix is singular, and where it is
+not, his friction is bound by the normal forces without friction. Each slider is the root of a tree, so that a step ends
+on the surface on which it slid; joints from one tree to another are loops.
 """
 
 from __future__ import annotations

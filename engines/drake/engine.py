@@ -4,17 +4,14 @@ Discrete steps by its convex solver SAP ("lagged"), semi-implicit Euler.
 
 Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints;
 joints that close loops are ball constraints. Drake has no Coulomb friction of joints. Its actuators have a servo,
-solved for implicitly with the step, and an effort limit: friction is a servo at rest with the limit at the bound of
-`stiction.engines.shared.friction_bound`, a drive one without limit at the rate of its law, constant or such that each
-step ends on the law. Which joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Drake limits a
-servo's gain: a sticking slider creeps with 1/3948 of the speed that its load would give it in a step. Springs, dampers,
-forces and torques are evaluated by the adapter and applied to the bodies.
+solved for implicitly with the step, and an effort limit: friction is a servo at rest with the limit at the bound, a
+drive one without limit. Drake limits a servo's gain: a sticking slider creeps with 1/3948 of the speed that its load
+would give it in a step.
 
-Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`); normal forces and
-friction are the engine's contacts. Each slider has coordinates of its own, so that those of other bodies do not press
-it into its guide by what a step leaves of their curvature; pins that tie it to another slider's branch close loops. The
-static coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to reverse, mu
-otherwise. The continuous plant: `stiction.engines.drake.continuous`.
+Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`). Each slider has
+coordinates of its own, so that those of other bodies do not press it into its guide by what a step leaves of their
+curvature; pins that tie it to another slider's branch close loops. The continuous plant:
+`stiction.engines.drake.continuous`.
 """
 
 from __future__ import annotations

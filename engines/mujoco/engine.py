@@ -2,19 +2,15 @@
 
 Joint fidelity. The scene is written as MJCF (`stiction.engines.mujoco.mjcf`): the tree of links of
 `stiction.engines.shared.link_tree`, joints that close loops as `connect` constraints. Drives: a rotor of huge inertia
-in the joint and, each step, the force that ends the step on the law; which joints can be driven is said in
-`stiction.engines.shared.joint_coordinates`. Friction: `frictionloss` of the joint at the bound of
-`stiction.engines.shared.friction_bound`, with a reference that brings the slider to rest within a step. It is soft: of
-the force that would hold a slider the share `impedance` is applied, and a sticking slider would creep; MuJoCo's
-`noslip` sweeps find the frictions once more without that. Springs, dampers, forces and torques are evaluated by the
-adapter and applied to the bodies.
+in the joint and, each step, the force that ends the step on the law. Friction: `frictionloss` of the joint at the
+bound, with a reference that brings the slider to rest within a step. It is soft: of the force that would hold a slider
+the share `impedance` is applied, and a sticking slider would creep; MuJoCo's `noslip` sweeps find the frictions once
+more without that.
 
-Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`); normal
-forces and friction are the engine's contacts, with elliptic cones. The adapter sets two numbers of a guide's contacts
-before each step: the coefficient, mus if its slider stuck or is about to reverse, mu otherwise; and the damping of
-their friction, which brings a slider to rest within a step, or opposes its slip with a few times the acceleration that
-friction and the last step show, less what a load drives it with. More of it separates the surfaces, and a slider
-between two of them is pumped.
+Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`);
+contacts have elliptic cones. The adapter also sets the damping of a guide's friction before each step, which brings a slider to rest
+within a step, or opposes its slip with a few times the acceleration that friction and the last step show, less what a
+load drives it with. More of it separates the surfaces, and a slider between two of them is pumped.
 """
 
 from __future__ import annotations

@@ -1,22 +1,15 @@
 """PyBullet: a multibody in reduced coordinates (Featherstone), impulses on joint velocities, symplectic Euler.
 
-A step from t to t + h solves for the accelerations at q(t) under the loads at t, then
-v(t+h) = v(t) + h a,  q(t+h) = q(t) + h v(t+h).  So a sample at t holds the acceleration of the step that begins at t.
-Where point-to-point constraints close loops, the first step also bends the consistent start onto the engine's
-discrete velocities, and the sample at 0 holds the acceleration of the second.
+Where point-to-point constraints close loops, the first step also bends the consistent start onto the engine's discrete
+velocities, and the sample at 0 holds the acceleration of the second.
 
 Joint fidelity. The mechanism is one multibody on a fixed base, its joints those of
 `stiction.engines.shared.link_tree.LinkTree`. Revolute joints that close a loop are point-to-point constraints,
 corrected by `erp` of their error each step; a translational joint that closes a loop is refused: `createConstraint` has
-`JOINT_PRISMATIC`, but no motor, and friction is held by one. Angle drive: velocity motor of the hinge, at constant rate
-left alone, otherwise with the rate that ends each step on the law; the bodies must be joined through exactly one hinge.
-Distance drive: the same on a guide without friction, along its direction. Friction: velocity motor at rest with `force`
-at the bound of `stiction.engines.shared.friction_bound`. Springs, dampers, forces and torques are evaluated by the
-adapter and applied as external forces. All damping that PyBullet adds by default is switched off.
+`JOINT_PRISMATIC`, but no motor, and friction is held by one. Drives: velocity motors. Friction: a velocity motor at
+rest with `force` at the bound. All damping that PyBullet adds by default is switched off.
 
-Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, without clearance; normal
-forces and friction are the engine's contacts. The static coefficient is the adapter's: before each step a guide gets
-mus if its slider stuck or is about to reverse, mu otherwise.
+Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, without clearance.
 """
 
 from __future__ import annotations

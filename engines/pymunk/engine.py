@@ -11,14 +11,11 @@ ratio 1 for the angle; a slider whose guide cannot turn gets infinite moment of 
 drive: `SimpleMotor`, at constant rate left alone, otherwise with the rate that ends each step on the law. Distance
 drive: `PinJoint` whose distance follows the law, along an axis a `GrooveJoint` across it whose place does. Friction: a
 `GrooveJoint` across the guide, so that only its force along the guide acts, without position correction and with
-`max_force` at the bound of `stiction.engines.shared.friction_bound`. Springs, dampers, forces and torques are evaluated
-by the adapter.
+`max_force` at the bound.
 
-Contact fidelity. The slider is a box of the guide's length and width, less `clearance`, between two segments; normal
-forces and friction are the engine's contacts. Without clearance the box touches both segments from the start, and what
-its contacts remember keeps it pressed between them: a box of length a and width b that slides from the start has 1 + 2
-mu b/a times its friction, at any step. The static coefficient is the adapter's: before each step a guide gets mus if
-its slider stuck or is about to reverse, mu otherwise.
+Contact fidelity. The slider is a box of the guide's length and width, less `clearance`, between two segments. Without
+clearance the box touches both from the start, and what its contacts remember keeps it pressed between them: a box of
+length a and width b that slides from the start has 1 + 2 mu b/a times its friction, at any step.
 """
 
 from __future__ import annotations
@@ -125,14 +122,12 @@ class _PymunkStepper(Stepper):
         space.iterations = options["iterations"]
         if scene.gravity is not None:
             space.gravity = scene.gravity
-        self._bodies: list[Body] = []
         named = {GROUND: space.static_body}
         for name, data in scene.bodies.items():
             body = pymunk.Body(data.mass, math.inf if name in fixed else data.inertia)
             body.position, body.angle = data.position, data.angle
             body.velocity, body.angular_velocity = data.velocity, data.angular_velocity
             space.add(body)
-            self._bodies.append(body)
             named[name] = body
         self._bias = options["error_bias"]
         self._targets: list[Callable[[float], None]] = []
@@ -145,7 +140,7 @@ class _PymunkStepper(Stepper):
         # boxes find their friction themselves, and land in the first step; all else settles in two
         self.bound = FrictionBound(scene, options.get("passes", 1), self.capped)
         self.balanced, self.settling = bool(len(self.bound.held)), 1 if len(self.bound.held) else 2
-        self._state = _SpaceState(space, [body.id for body in self._bodies], h, self.bound, self._loaded)
+        self._state = _SpaceState(space, [named[name].id for name in scene.bodies], h, self.bound, self._loaded)
 
     def _add(self, constraint: Any) -> None:
         constraint.error_bias = self._bias
@@ -154,7 +149,7 @@ class _PymunkStepper(Stepper):
     def _drive(self, drive: Drive, first: Body, second: Body) -> None:
         import pymunk
 
-        law = drive.law
+        law, follow = drive.law, self._targets.append
         if drive.type == "angle":
             motor = pymunk.SimpleMotor(first, second, evaluate_law(law, 0.0)[1])
             self._add(motor)
@@ -163,29 +158,24 @@ class _PymunkStepper(Stepper):
                 angle = first.angle - second.angle + self._h * (first.angular_velocity - second.angular_velocity)
                 motor.rate = (evaluate_law(law, t)[0] - angle) / self._h
             if not isinstance(law, (Constant, Linear)):
-                self._targets.append(turn)
-            return
-        if drive.axis is None:
+                follow(turn)
+        elif drive.axis is None:
             rod = pymunk.PinJoint(first, second, *drive.points)
             self._add(rod)
 
             def stretch(t: float) -> None:
                 rod.distance = evaluate_law(law, t)[0]
-            self._targets.append(stretch)
-            return
-        axis = np.array(drive.axis) / math.hypot(*drive.axis)
-        across = _GROOVE * np.array([-axis[1], axis[0]])
+            follow(stretch)
+        else:
+            axis = np.array(drive.axis) / math.hypot(*drive.axis)
+            across = _GROOVE * np.array([-axis[1], axis[0]])
+            groove = pymunk.GrooveJoint(second, first, tuple(-across), tuple(across), drive.points[0])
+            self._add(groove)
 
-        def ends(t: float) -> tuple[tuple[float, float], tuple[float, float]]:
-            place = drive.points[1] + evaluate_law(law, t)[0] * axis
-            return tuple(place - across), tuple(place + across)
-
-        groove = pymunk.GrooveJoint(second, first, *ends(0.0), drive.points[0])
-        self._add(groove)
-
-        def shift(t: float) -> None:
-            groove.groove_a, groove.groove_b = ends(t)
-        self._targets.append(shift)
+            def shift(t: float) -> None:
+                place = drive.points[1] + evaluate_law(law, t)[0] * axis
+                groove.groove_a, groove.groove_b = tuple(place - across), tuple(place + across)
+            follow(shift)
 
     def compile(self) -> None:
         link_kernels(finish_space)
@@ -203,18 +193,14 @@ class _PymunkStepper(Stepper):
 
     def step(self) -> None:
         self._k += 1
-        self._aim(self._k * self._h)
+        for target in self._targets:  # the position that follows the step
+            target(self._k * self._h + self._h)
         state = self._state
         self.bound.step(self.advance, finish_space, state.data, (self._k + 1) * self._h, state.retreat)
 
     def sample(self) -> Sample:
         data = self._state.data
         return Sample(data.q.copy(), data.v.copy(), data.a.copy(), self.friction.modes(), self.friction.frictions())
-
-    def _aim(self, t: float) -> None:
-        """Set the drives' targets for the position that follows the step to t."""
-        for target in self._targets:
-            target(t + self._h)
 
     def advance(self, caps: Sequence[float]) -> None:
         """One pass of the engine under the loads of the state, which is fetched."""

@@ -159,6 +159,10 @@ class Grid:
 class SteppedEngine(Engine):
     """An engine that makes steps of fixed size and leaves the bound of friction, or its coefficient, to the adapter.
 
+    Springs, dampers, forces and torques are evaluated by the adapter and applied to the bodies. At contact fidelity
+    normal forces and friction are the engine's contacts; before each step a guide gets mus if its slider stuck or is
+    about to reverse, mu otherwise (`stiction.engines.shared.friction_bound`).
+
     Attributes
     ----------
     defaults : Mapping

@@ -1,7 +1,8 @@
 """Steps of engines that know a mechanism as a tree of links with motors in its joints.
 
 A step from t to t + h solves for the accelerations at q(t) under the loads at t, then v(t+h) = v(t) + h a and
-q(t+h) = q(t) + h v(t+h). So a sample at t holds the acceleration of the step that begins at t.
+q(t+h) = q(t) + h v(t+h). So a sample at t holds the acceleration of the step that begins at t. A motor holds the rate
+of a drive's law, constant or such that each step ends on the law; `driven_link` says which joints can have one.
 """
 
 from __future__ import annotations

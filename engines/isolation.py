@@ -66,19 +66,15 @@ class Outcome:
     Attributes
     ----------
     status : str
-        ``"ok"``; ``"refused"`` (the engine cannot represent the scene); ``"failed"`` (an exception, or a
-        value that cannot be pickled); ``"timed out"``; ``"crashed"`` (the process ended by a signal or an
-        exit); ``"missing"`` (the engine's package is not installed).
+        ``"ok"``; ``"refused"`` (the engine cannot represent the scene); ``"failed"`` (an exception, or a value that
+        cannot be pickled); ``"timed out"``; ``"crashed"`` (the process ended by a signal or an exit); ``"missing"``
+        (the engine's package is not installed).
     value
         What the function returned (for a `Job`, the trajectory); None unless ok.
-    reason : str
-        One line, the engine's own words where it had any; empty if ok.
-    log : str
-        The end of what was printed, the traceback of an exception included.
-    wall_s : float
-        Seconds from the start of the call to its end.
-    cpu_s : float or None
-        CPU seconds of the child; None if it did not live to tell.
+    reason, log : str
+        One line, the engine's own words where it had any; the end of what was printed, tracebacks included.
+    wall_s, cpu_s : float
+        Seconds from the start of the call to its end; of CPU, None if the child did not live to tell.
     bug : bool
         Whether the task failed with an exception that is no `StictionError`: neither the suite nor the engine meant it,
         and `log` ends with its traceback.
@@ -111,10 +107,7 @@ def simulation(job: Job) -> Task:
 
 
 def is_simulation(task: Task) -> bool:
-    """Return True for a task of `simulation`.
-
-    Its arguments are engine, scene and arguments of `Engine.simulate`, its value a trajectory.
-    """
+    """Return True for a task of `simulation`, whose arguments are engine, scene and those of `Engine.simulate`."""
     return task.function is _simulate
 
 

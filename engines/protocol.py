@@ -39,10 +39,7 @@ installed_version = cache(version)
 
 @cache
 def required(package: str) -> SpecifierSet:
-    """Versions of an engine's package that the suite takes, by its own metadata (``pyproject.toml``).
-
-    Any, where an editable installation is from before the engine.
-    """
+    """Versions of an engine's package that the suite takes, by its own metadata; any, where that lacks the engine."""
     # imported here: most commands ask for no bound, and it takes a twentieth of what `stiction.engines` does
     from packaging.requirements import Requirement
     from packaging.specifiers import SpecifierSet
@@ -52,26 +49,14 @@ def required(package: str) -> SpecifierSet:
 
 
 def accepted(package: str, found: str) -> str:
-    """The version found of an engine's package.
-
-    Raises
-    ------
-    ImportError
-        If the suite takes others only.
-    """
+    """Return the version found of an engine's package; ImportError if the suite takes others only."""
     if not required(package).contains(found, prereleases=True):
         raise ImportError(f"found {package} {found}; expected {required(package)}", name=package)
     return found
 
 
 def check_steps(t_end: float, dt: float) -> None:
-    """Refuse a run of more than `MOST_STEPS` steps.
-
-    Raises
-    ------
-    InputError
-        With the number of steps.
-    """
+    """Raise InputError for a run of more than `MOST_STEPS` steps."""
     if t_end / dt > MOST_STEPS:
         raise InputError(f"dt: found {dt:g} s, which is {t_end / dt:.3g} steps to t_end = {t_end:g} s; expected at "
                          f"most {MOST_STEPS:.0e} steps, which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an "
@@ -107,10 +92,7 @@ class Unsettled(EngineFailure):
 
 
 class BadTrajectory(EngineFailure):
-    """The result of the engine is no motion of this mechanism, or no trajectory of the run.
-
-    The message says what was found and what was expected.
-    """
+    """The result of the engine is no motion of this mechanism, or no trajectory of the run."""
 
 
 @dataclass(frozen=True)

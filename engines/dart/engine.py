@@ -23,9 +23,10 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import BadTrajectory, accepted, installed_version
+from stiction.engines.shared.acceleration_integrator import TreeAccelerations
 from stiction.engines.shared.contact_geometry import REACH, box_angle, direction_of, several_guides, slider_box
 from stiction.engines.shared.fixed_step import Defaults
-from stiction.engines.shared.joint_coordinates import ContactStepper, TreeAccelerations, TreeStepper, motor_link
+from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper, motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
@@ -122,9 +123,9 @@ def _loops_closed_by(erp: float) -> Iterator[None]:
         Loop.setMaxErrorReductionVelocity(before[1])
 
 
-def _skeletons(scene: Scene, tree: LinkTree, unit: float = 1.0) -> tuple[dict[int, Any], dict[int, Any],
-                                                                         dict[int, Any]]:
-    """Skeletons by their first coordinate, joints and bodies by link."""
+def _skeletons(scene: Scene, tree: LinkTree,
+               unit: float = 1.0) -> tuple[list[tuple[Any, slice]], dict[int, Any], dict[int, Any]]:
+    """Skeletons with the places of their coordinates, joints and bodies by link."""
     from dartpy.dynamics import (Inertia, PlanarJointProperties, PrismaticJointProperties, RevoluteJointProperties,
                                  Skeleton)
 
@@ -153,7 +154,8 @@ def _skeletons(scene: Scene, tree: LinkTree, unit: float = 1.0) -> tuple[dict[in
         joints[i], bodies[i] = joint, body
         if (found := first + joint.getIndexInSkeleton(joint.getNumDofs() - 1)) != i:
             raise RuntimeError(f"DART numbers the coordinate of link {i} as {found}; expected them as they were made")
-    return skeletons, joints, bodies
+    places = [(skeleton, slice(first, first + skeleton.getNumDofs())) for first, skeleton in skeletons.items()]
+    return places, joints, bodies
 
 
 def _placed(point: Sequence[float] | np.ndarray, angle: float) -> Any:
@@ -185,12 +187,10 @@ class _Stepper(TreeStepper):
         sleep = world.getDeactivationOptions()
         sleep.mEnabled = False  # on by default: what hardly moves is stopped
         world.setDeactivationOptions(sleep)
-        skeletons, self._joints, self._links = _skeletons(scene, tree, self._unit)
-        self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs()))
-                           for first, skeleton in skeletons.items()]
+        self._skeletons, self._joints, self._links = _skeletons(scene, tree, self._unit)
         for drive in scene.drives.values():
             self._joints[motor_link(scene, tree, drive)[0]].setActuatorType(ActuatorType.VELOCITY)
-        for skeleton in skeletons.values():
+        for skeleton, _ in self._skeletons:
             world.addSkeleton(skeleton)
         self.put(self.position, self.velocity)
         for name in tree.loops:
@@ -381,10 +381,8 @@ class _Accelerations(TreeAccelerations):
 
     def __init__(self, scene: Scene):
         super().__init__(scene)
-        skeletons, *_ = _skeletons(scene, self._tree)
-        self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs()))
-                           for first, skeleton in skeletons.items()]
-        for skeleton in skeletons.values():
+        self._skeletons, *_ = _skeletons(scene, self._tree)
+        for skeleton, _ in self._skeletons:
             skeleton.setGravity(_gravity(scene))
 
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

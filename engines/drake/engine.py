@@ -29,8 +29,9 @@ from stiction.engines.drake.contact import Boxes, Material, corner_inertias
 from stiction.engines.drake.continuous import METHOD, run_continuous
 from stiction.engines.drake.plant import Plant, start_mass
 from stiction.engines.protocol import accepted, installed_version
+from stiction.engines.shared.acceleration_integrator import TreeAccelerations
 from stiction.engines.shared.fixed_step import Defaults
-from stiction.engines.shared.joint_coordinates import ContactStepper, TreeAccelerations, TreeStepper, motor_link
+from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper, motor_link
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene, Trajectory
 

@@ -14,6 +14,7 @@ in all hard cases but one; at less Newton's method gives up more often.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import copysign
 
 import numpy as np
@@ -97,6 +98,13 @@ class BristleGuide(SlidingGuide):
         """Mode, friction and surface moment of the last step."""
         mode, friction = self._state()
         return mode, friction, self.surface_moment
+
+
+def bristle_guides(model: Model, options: Mapping[str, float], step: float) -> list[BristleGuide]:
+    """Give a model bristles in each guide with friction, by the settings of ``method="bristles"`` and the step, s."""
+    return [BristleGuide(model, name, guide, options["bristle_stiffness"], options["bristle_damping"],
+                         options["static_decay"], step)
+            for name, guide in model.scene.frictional_guides.items() if guide.mu or guide.static_coefficient]
 
 
 def moved_mass(scene: Scene, name: str) -> float:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide
+from stiction.engines.exudyn.bristles import FRICTION_LAW, bristle_guides
 from stiction.engines.exudyn.contact import ContactGuide
 from stiction.engines.exudyn.friction import FrictionalGuide, SlidingGuide
 from stiction.engines.exudyn.model import Model
@@ -182,11 +182,10 @@ def _step(t_end: float) -> float:
 class _Simulation:
     """A scene in Exudyn, ready to step; columns from samples."""
 
-    model: Model
     stepper: Stepper
 
-    def __init__(self, scene: Scene):
-        self.scene = scene
+    def __init__(self, scene: Scene, joints: bool = True):
+        self.scene, self.model = scene, Model(scene, joints)
 
     def columns(self, samples: list[Sample]) -> dict[str, np.ndarray]:
         """All columns of a trajectory; reactions are Exudyn's multipliers and forces."""
@@ -201,18 +200,12 @@ class _Simulation:
 
 
 class _Joints(_Simulation):
-    _frictional: Sequence[SlidingGuide]
-
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         super().__init__(scene)
-        guides: list[FrictionalGuide] = []
-        self._frictional = guides
-
-        def add_friction(model: Model) -> None:
-            guides.extend(FrictionalGuide(model, name, guide) for name, guide in scene.frictional_guides.items()
-                          if guide.static_coefficient > 0)
-
-        self.model = Model(scene, extend=add_friction)
+        guides = [FrictionalGuide(self.model, name, guide) for name, guide in scene.frictional_guides.items()
+                  if guide.static_coefficient > 0]
+        self._frictional: Sequence[SlidingGuide] = guides
+        self.model.assemble()
         settings = _solver_settings(self.model, h, options)
         # a Jacobian of the step, where its solution is repeated for the friction; else one from before costs less
         settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(guides)
@@ -233,15 +226,8 @@ class _Bristles(_Joints):
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         _Simulation.__init__(self, scene)
-        guides: list[BristleGuide] = []
-        self._frictional = guides
-
-        def add_bristles(model: Model) -> None:
-            guides.extend(BristleGuide(model, name, guide, options["bristle_stiffness"], options["bristle_damping"],
-                                       options["static_decay"], h)
-                          for name, guide in scene.frictional_guides.items() if guide.mu or guide.static_coefficient)
-
-        self.model = Model(scene, extend=add_bristles)
+        self._frictional = guides = bristle_guides(self.model, options, h)
+        self.model.assemble()
         for guide in guides:
             guide.bind(self.model)
 
@@ -255,15 +241,11 @@ class _Bristles(_Joints):
 
 class _Contacts(_Simulation):
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        super().__init__(scene)
+        super().__init__(scene, joints=False)
         self._zone = options["friction_zone"]
-        self._boxes: list[ContactGuide] = []
-
-        def add_boxes(model: Model) -> None:
-            self._boxes += [ContactGuide(model, name, guide, options["contact_stiffness"], options["contact_damping"],
-                                         options["friction_zone"]) for name, guide in scene.guides.items()]
-
-        self.model = Model(scene, joints=False, extend=add_boxes)
+        self._boxes = [ContactGuide(self.model, name, guide, options["contact_stiffness"], options["contact_damping"],
+                                    self._zone) for name, guide in scene.guides.items()]
+        self.model.assemble()
         settings = _solver_settings(self.model, h, options)
         settings.timeIntegration.adaptiveStep = True
         settings.timeIntegration.minimumStepSize = _SHORTEST

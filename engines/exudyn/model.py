@@ -21,41 +21,40 @@ from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Torsiona
 
 
 class Model:
-    """An Exudyn system of a scene, assembled; states as in the scene: x, y, angle per body.
+    """An Exudyn system of a scene, to be assembled; states as in the scene: x, y, angle per body.
 
     Parameters
     ----------
     scene : Scene
     joints : bool
         Whether translational joints become prismatic joints (else the caller adds what guides the sliders).
-    extend : callable, optional
-        Called with this model before the system is assembled, to add items.
 
     Attributes
     ----------
     system : exudyn.MainSystem
     rows : dict of str to list of int
-        By joint or drive: the indices of its multipliers among the algebraic coordinates.
+        By joint or drive: the indices of its multipliers among the algebraic coordinates; once it is assembled.
     """
 
-    def __init__(self, scene: Scene, joints: bool = True, extend: Callable[[Model], None] | None = None):
+    def __init__(self, scene: Scene, joints: bool = True):
         self.scene = scene
         self._open()
         self.index = {name: i for i, name in enumerate(scene.bodies)}
         self.nodes = {GROUND: self.system.AddNode(self.items.NodePointGround(name=GROUND))}
         self.bodies = {GROUND: self.system.AddObject(self.items.ObjectGround(name=GROUND))}
         self._add_bodies()
-        constraints = {name: self._joint(name, joint) for name, joint in scene.joints.items()
-                       if joints or isinstance(joint, Revolute)}
-        constraints |= {name: self._drive(name, drive) for name, drive in scene.drives.items()}
+        self._constraints = {name: self._joint(name, joint) for name, joint in scene.joints.items()
+                             if joints or isinstance(joint, Revolute)}
+        self._constraints |= {name: self._drive(name, drive) for name, drive in scene.drives.items()}
         for name, spring in scene.springs.items():
             self._spring(name, spring)
         for name, load in scene.forces.items():
             self._load(name, load)
-        if extend is not None:
-            extend(self)
+
+    def assemble(self) -> None:
+        """End the system, to which nothing is added from now on."""
         self.system.Assemble()
-        self.rows = {name: self.multipliers(number) for name, number in constraints.items()}
+        self.rows = {name: self.multipliers(number) for name, number in self._constraints.items()}
 
     def _open(self) -> None:
         """An empty system, and the items to add to it."""

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.exudyn.bristles import LEAST, BristleGuide
+from stiction.engines.exudyn.bristles import LEAST, bristle_guides
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.solver import INTEGRATORS
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS
@@ -118,14 +118,9 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
     Refused
         If the scene has a law by table, or a drive or a spring that Exudyn has no item for.
     """
-    guides: list[BristleGuide] = []
-
-    def add_bristles(model: Model) -> None:
-        guides.extend(BristleGuide(model, name, joint, options["bristle_stiffness"], options["bristle_damping"],
-                                   options["static_decay"], dt)
-                      for name, joint in scene.frictional_guides.items() if joint.static_coefficient)
-
-    model = _Written(scene, extend=add_bristles)
+    model = _Written(scene)
+    guides = bristle_guides(model, options, dt)
+    model.assemble()
     redundant = rank(scene) < constraint_rows(scene)
     rows = [_text((model.objects[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient,
                    guide.mus - guide.coefficient, guide.decay, guide.lever, guide.half_width)) for guide in guides]

@@ -8,9 +8,9 @@ the share `impedance` is applied, and a sticking slider would creep; MuJoCo's `n
 more without that.
 
 Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`);
-contacts have elliptic cones. The adapter also sets the damping of a guide's friction before each step, which brings a slider to rest
-within a step, or opposes its slip with a few times the acceleration that friction and the last step show, less what a
-load drives it with. More of it separates the surfaces, and a slider between two of them is pumped.
+contacts have elliptic cones. The adapter also sets the damping of a guide's friction before each step, which brings a
+slider to rest within a step, or opposes its slip with a few times the acceleration that friction and the last step
+show, less what a load drives it with. More of it separates the surfaces, and a slider between two of them is pumped.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ from stiction.engines.mujoco.contact import SIDES, Softness, slip_damping, slip_
 from stiction.engines.mujoco.loads import ROTOR
 from stiction.engines.mujoco.mjcf import START, Options, joint_name, mjcf
 from stiction.engines.protocol import EngineFailure, Refused, accepted
+from stiction.engines.shared.acceleration_integrator import TreeAccelerations
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import Defaults, settings_of
 from stiction.engines.shared.friction_bound import CAPPED, CONTACT, ContactFriction
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, motor_link
+from stiction.engines.shared.joint_coordinates import TreeStepper, motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene

@@ -25,9 +25,10 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import accepted, installed_version
+from stiction.engines.shared.acceleration_integrator import TreeAccelerations
 from stiction.engines.shared.contact_geometry import REACH, box_angle, crowded, direction_of, several_guides
 from stiction.engines.shared.fixed_step import Defaults
-from stiction.engines.shared.joint_coordinates import ContactStepper, TreeAccelerations, TreeStepper
+from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene

@@ -29,11 +29,8 @@ def contact_refusal(scene: Scene) -> str | None:
 
 def crowded(scene: Scene, most: int, called: str) -> str | None:
     """Why an engine whose collision filters have a bit for each guide cannot keep them apart; None if it can."""
-    return (
-        f"{len(scene.guides)} guides; {called}'s collision filters, which keep them apart, have room for {most}"
-        if len(scene.guides) > most
-        else None
-    )
+    return (f"{len(scene.guides)} guides; {called}'s collision filters, which keep them apart, have room for {most}"
+            if len(scene.guides) > most else None)
 
 
 def several_guides(scene: Scene) -> str | None:

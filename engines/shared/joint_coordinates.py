@@ -15,11 +15,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from stiction.engines.protocol import Refused
-from stiction.engines.shared.acceleration_integrator import Accelerations
 from stiction.engines.shared.fixed_step import Sample, Stepper
 from stiction.engines.shared.friction_bound import ContactFriction, FrictionBound, GuideFriction
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.step_kernels import JointStep, begin_joints, finish_joints, motion
 from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.scenes import Scene
@@ -234,52 +232,3 @@ class ContactStepper(TreeStepper):
         super().advance(caps)
         if coefficients:
             self.friction.observe(self.position, self.velocity, coefficients, *self.contact_forces())
-
-
-class TreeAccelerations(Accelerations):
-    """An engine's mass matrix and inverse dynamics of a scene's tree of links; subclasses have the engine."""
-
-    def __init__(self, scene: Scene):
-        self._tree = tree = LinkTree(scene)
-        if tree.loops:
-            raise Refused(f"joints.{tree.loops[0]}: closes a loop; inverse dynamics are those of a tree")
-        super().__init__()
-        self._position, velocity = tree.coordinates(scene)
-        self._driven = motors_of(scene, tree, self._position)
-        self._free = np.setdiff1d(np.arange(len(tree.links)), [link for link, *_ in self._driven])
-        self.start = self._position[self._free], velocity[self._free]
-        links = [next(i for i, link in enumerate(tree.links) if link.joint == name) for name in scene.frictional_guides]
-        self.guides = np.searchsorted(self._free, links)
-        self.signs = np.array([tree.links[link].sign for link in links], dtype=float)
-        self._balance = MomentumBalance(scene) if scene.springs or scene.forces else None
-
-    @abstractmethod
-    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mass matrix (links, links) and the joint forces (links,) of these accelerations under gravity."""
-
-    def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        position, velocity, driven = self._joints(t, x, rate, np.zeros(len(x)))
-        mass, needed = self.dynamics(position, velocity, driven)
-        mobility = np.linalg.inv(mass[np.ix_(self._free, self._free)])
-        force = -needed[self._free]
-        if self._balance is not None:
-            q, v, _ = self._tree.motion(position, velocity, driven)
-            loads = self._balance.loads(t, q, v)
-            still = np.zeros(len(position))
-            for i, link in enumerate(self._free):
-                unit = still.copy()
-                unit[link] = 1.0
-                force[i] += self._tree.motion(position, unit, still)[1] @ loads
-        return mobility @ force, mobility
-
-    def motion(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
-        return self._tree.motion(*self._joints(t, x, rate, second))
-
-    def _joints(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Coordinates, rates and accelerations of all joints, those of drives by their laws."""
-        joints = np.zeros((3, len(self._tree.links)))
-        joints[:, self._free] = x, rate, second
-        for link, sign, law, offset in self._driven:
-            joints[:, link] = sign * np.array(evaluate_law(law, t))
-            joints[0, link] += offset
-        return tuple(joints)

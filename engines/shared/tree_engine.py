@@ -9,11 +9,11 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Any, ClassVar
 
-from stiction.engines.shared.acceleration_integrator import METHOD, integrate, tolerance_of
+from stiction.engines.shared.acceleration_integrator import METHOD, TreeAccelerations, integrate, tolerance_of
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import SteppedEngine
 from stiction.engines.shared.inconsistent_start import refuse_off
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, tree_refusal
+from stiction.engines.shared.joint_coordinates import tree_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene, Trajectory
 

@@ -9,6 +9,8 @@ from stiction.scenes import load_scene, scene_from_dict, vary
 
 constraint = pytest.importorskip("dartpy.constraint")
 G, MASS, LENGTH, WIDTH, MU = 9.81, 2.0, 0.6, 0.2, 0.2
+MIXING = 1e-5
+"""DART's own (DART_CFM): the share of what a contact is to stop in a step that is left, at each contact alone."""
 SHAPES = pytest.mark.parametrize("settings", [{}, {"shape": "box"}, {"detector": "FCL"}, {"detector": "Bullet"}, {"detector": "DART"}],
                                  ids=["spheres", "box", "FCL", "Bullet", "DART"])
 
@@ -77,6 +79,18 @@ def test_a_torque_wedges_opposite_corners(engine, settings, sign, loaded):
     np.testing.assert_allclose(corners(run), torque / LENGTH * np.array(loaded), atol=0.02 * torque / LENGTH)
     rate = 2 * MU * torque / LENGTH / MASS
     assert run["guide.slip_velocity"][-1] == pytest.approx(speed - rate * t_end, abs=3 * dt * rate)
+
+
+@pytest.mark.parametrize(("share", "slides"), [(0.98, False), (1.02, True)])
+def test_the_static_coefficient_holds_until_its_bound(engine, share, slides):
+    mus, t_end, dt = 0.3, 0.5, 1e-3
+    push = share * mus * MASS * G
+    run = engine.simulate(box((push, (1, 0), (0, 0)), mus=mus), t_end=t_end, dt=dt, fidelity="contact")
+    rate = push / MASS - MU * G
+    if slides:
+        assert run["guide.slip_velocity"][-1] == pytest.approx(rate * t_end, abs=3 * dt * mus * G)
+    else:  # its landing and the tilt of it, of h^2 g, rise by a hundredth a step
+        assert run["guide.mode"][-1] == 0 and abs(run["guide.slip_velocity"][-1]) < 0.01 * G * dt * np.exp(-0.01 * t_end / dt) + MIXING * rate
 
 
 def test_the_same_in_other_units(engine):

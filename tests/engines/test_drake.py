@@ -90,6 +90,16 @@ def test_a_block_in_two_guides_is_braked_by_both(engine, by):
         assert np.all(run[f"{name}.mode"][1:] == 1)
 
 
+@pytest.mark.parametrize(("share", "sticks"), [(0.998, True), (1.002, False)])
+def test_threshold_is_that_of_the_static_coefficient(engine, share, sticks):
+    run = simulate(engine, box(share * 0.3 * 2 * G))
+    if sticks:
+        assert np.abs(run["guide.slip_velocity"]).max() < 22 * 1e-3 * 0.3 * G * STEP * 2  # a box has two corners, each with half of it or more
+    else:
+        # mus for the time in which 0.2 % of it as excess bring the slider to the speed at which friction counts as whole, and two steps
+        assert run["guide.slip_velocity"][-1] == pytest.approx((share * 0.3 - 0.2) * G * 0.5, abs=0.1 * G * 10 * STEP)
+
+
 @BOTH
 @pytest.mark.parametrize("turned", [0.0, 0.7])
 @pytest.mark.parametrize("height", [0.3, -0.3])

@@ -245,8 +245,7 @@ class Engine(ABC):
         t_end
             Seconds; the scene's own where None.
         dt, rtol
-            Step of a fixed-step method (s), relative tolerance of an adaptive one; the engine's default
-            where None. Giving the one that the method does not have is an error.
+            Step of a fixed-step method (s), relative tolerance of an adaptive one; the engine's default where None.
         fidelity
             ``"joint"`` or ``"contact"``.
         output_step
@@ -264,7 +263,7 @@ class Engine(ABC):
         EngineFailure
             If the engine gave up.
         BadTrajectory
-            If what it returned is not a trajectory of this run; see `gate.problems`.
+            If the result is not a trajectory of this run; see `gate.problems`.
         """
         t_end = scene.t_end if t_end is None else t_end
         for name, value in (("t_end", t_end), ("dt", dt), ("output_step", output_step)):

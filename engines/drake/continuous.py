@@ -61,16 +61,10 @@ _LEAST_MASS = 1e-9
 
 def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
                    output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-    """Integrate from t = 0 to t_end; arguments as `Engine.run` gets them.
+    """Integrate from t = 0 to t_end; arguments, errors as of `Engine.run`.
 
     Raises
     ------
-    InputError
-        For a step, joint fidelity, or a setting out of its range.
-    Refused
-        If the continuous plant cannot have the scene's loops or drives, or its start is off.
-    EngineFailure
-        If Drake gives up.
     BadTrajectory
         If static friction was lost, by too small a stiction tolerance for the steps and the loads.
     """

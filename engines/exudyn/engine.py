@@ -11,7 +11,6 @@ import io
 import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -149,14 +148,12 @@ class ExudynEngine(Engine):
                       else "EXUdense",
                       **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]}
                          if scene.frictional_guides else {})},
-            cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), engine_s),
+            cost=Cost(started - start, 0.0, ended - started, stepper.counters, engine_s),
             termination="end" if stop is None else stop.reason, breakdown=stop)
 
 
 def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
-    """The model as a script for Exudyn, with the adapter's default step and settings.
-
-    See `stiction.engines.exudyn.script`.
+    """The model as a script for Exudyn, with the adapter's default step and settings; see `exudyn_script`.
 
     Parameters
     ----------

@@ -59,16 +59,6 @@ class Switch(NamedTuple):
     after: Sample
 
 
-@dataclass
-class Counters:
-    """Counters of a run."""
-
-    steps: int = 0
-    newton: int = 0
-    switches: int = 0
-    restarts: int = 0
-
-
 class Stepper:
     """Runs a model at fixed steps, of which `samples`, `switches` and `counters` tell; `solver` is Exudyn's.
 
@@ -95,7 +85,7 @@ class Stepper:
                  record: Callable[[], list[Any]] | None = None,
                  before_step: Callable[[np.ndarray], None] | None = None):
         self.model, self.guides, self.dt = model, guides, dt
-        self.counters = Counters()
+        self.counters = dict.fromkeys(("steps", "newton", "switches", "restarts"), 0)
         self.switches: list[Switch] = []
         self.samples: list[Sample] = []
         self._record = record or (lambda: [(guide.mode, guide.friction, guide.surface_moment) for guide in guides])
@@ -162,7 +152,7 @@ class Stepper:
                 restarted = self.switches[-1].after.t if self.switches else 0.0
                 if self.guides and samples[-1].t - restarted < TRANSIENT * self.dt:
                     transient.append(len(samples) - 1)
-        self.counters.newton = self.solver.newton_steps
+        self.counters["newton"] = self.solver.newton_steps
         for i in transient:
             samples[i] = self._consistent(samples[i])
 
@@ -193,7 +183,7 @@ class Stepper:
         """Steps of equal length; False if a violated mode stopped them."""
         self._violated, self._repetitions = False, 0
         done, made = self.solver.steps(t0, t1, steps)
-        self.counters.steps += made
+        self.counters["steps"] += made
         if not done and not self._violated:
             t = self.solver.t
             if self._repetitions >= FRICTION_REPETITIONS:
@@ -259,7 +249,7 @@ class Stepper:
             if guide.mode != old:
                 kind = "slip" if old == 0 else "stick" if guide.mode == 0 else "reversal"
                 self.switches.append(Switch(kind, guide.name, before, after))
-        self.counters.switches += 1
+        self.counters["switches"] += 1
 
     def _stop(self, state: Sample, guides: list[FrictionalGuide]) -> None:
         """Turn sliders that came to rest round where static friction lets them; else they stick."""
@@ -297,7 +287,7 @@ class Stepper:
 
     def _start(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Set the state, with accelerations and multipliers that belong to it, friction included; returns these."""
-        self.counters.restarts += 1
+        self.counters["restarts"] += 1
         self.solver.set_state(t, q, v)
         for _ in range(FRICTION_REPETITIONS):
             a, multipliers = self.solver.initial_accelerations(t)

@@ -229,23 +229,14 @@ class _SpaceState:
         if (found := list(memoryview(order.int_buf()).cast("P"))) != expected:
             raise RuntimeError(f"pymunk lists the bodies {found}; expected {expected}, as they were added and the "
                                "static one last")
-        self._present, present = self._buffer(count, 6)
-        self._before, before = self._buffer(count, 6)
-        self._pushed, pushed = self._buffer(count, 3)
+        # of each body, and behind them of the static one
+        (self._present, present, _), (self._before, before, _), (self._pushed, pushed, _) = (
+            _buffer(width * (count + 1)) for width in (6, 6, 3))
         q, v, a = np.zeros((3, 3 * count))
-        self.data = SpaceStep(cap=bound.data, h=h, loaded=int(loaded), pushed=pushed.reshape(-1), present=present,
-                              before=before, q=q, v=v, a=a)
+        self.data = SpaceStep(cap=bound.data, h=h, loaded=int(loaded), pushed=pushed[:3 * count], q=q, v=v, a=a,
+                              present=present[:6 * count].reshape(count, 6),
+                              before=before[:6 * count].reshape(count, 6))
         self.fetch()
-
-    @staticmethod
-    def _buffer(count: int, width: int) -> tuple[Buffer, np.ndarray]:
-        """Return a buffer for `width` numbers a body and its memory, shape (count, width), without the static body."""
-        from pymunk.batch import Buffer
-
-        memory = np.zeros((count + 1) * width + _SPARE)
-        buffer = Buffer()
-        buffer.set_float_buf(memory)
-        return buffer, memory[:count * width].reshape(count, width)
 
     def fetch(self) -> None:
         """Read what is present from the space."""
@@ -349,10 +340,11 @@ class _ContactStepper(_PymunkStepper):
                 boxes.append((box, self._named[guide.slider]))
                 directions.append(along / _GROOVE)
         self.friction = CoefficientSwitch(scene)
-        self._arbiters, touching, impulse = _arbiter_buffer(2 * len(scene.guides))
+        pairs = 2 * len(scene.guides)
+        self._arbiters, impulse, touching = _buffer(4 * pairs, 2 * pairs)
         self._contacts = SpaceContacts(
             contacts=self.friction.data, step=self._state.data, along=np.array(directions).reshape(-1, 2),
-            touching=touching, impulse=impulse,
+            touching=touching[:2 * pairs].reshape(pairs, 2), impulse=impulse[:4 * pairs].reshape(pairs, 4),
             slider=np.array([list(scene.bodies).index(guide.slider) for guide in scene.frictional_guides.values()],
                             dtype=np.int64),
             identity=np.array([body.id for _, body in boxes], dtype=np.uint64))
@@ -373,15 +365,15 @@ class _ContactStepper(_PymunkStepper):
             finish_space_contacts(self._contacts)
 
 
-def _arbiter_buffer(count: int) -> tuple[Buffer, np.ndarray, np.ndarray]:
-    """A buffer for so many arbiters (pairs of shapes that touch), and `SpaceContacts.touching` and `impulse` in it."""
+def _buffer(reals: int, names: int = 0) -> tuple[Buffer, np.ndarray, np.ndarray]:
+    """Return a buffer of the library for so many numbers, and names of bodies, and its memory for both."""
     from pymunk.batch import Buffer
 
-    touching, impulse = np.zeros(2 * count + _SPARE, dtype=np.uint64), np.zeros(4 * count + _SPARE)
-    buffer = Buffer()
-    buffer.set_int_buf(touching)
-    buffer.set_float_buf(impulse)
-    return buffer, touching[:2 * count].reshape(count, 2), impulse[:4 * count].reshape(count, 4)
+    buffer, numbers, identities = Buffer(), np.zeros(reals + _SPARE), np.zeros(names + _SPARE, dtype=np.uint64)
+    buffer.set_float_buf(numbers)
+    if names:
+        buffer.set_int_buf(identities)
+    return buffer, numbers, identities
 
 
 def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

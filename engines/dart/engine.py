@@ -283,7 +283,7 @@ class _ContactStepper(ContactStepper, _Stepper):
         self._alone = len(surfaces) == 1
         # of a root, x is two links before its angle
         self._ends = [(name, self.tree.link_of[guide.slider] - 2, guide.point) for name, guide in scene.guides.items()]
-        self._set: list[float] = []
+        self._set: Sequence[float] = []
 
     def _unit_of(self, scene: Scene) -> float:
         return 2.0 ** round(math.log2(_MASS / sum(body.mass for body in scene.bodies.values())))

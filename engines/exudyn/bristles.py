@@ -104,7 +104,7 @@ def bristle_guides(model: Model, options: Mapping[str, float], step: float) -> l
     """Give a model bristles in each guide with friction, by the settings of ``method="bristles"`` and the step, s."""
     return [BristleGuide(model, name, guide, options["bristle_stiffness"], options["bristle_damping"],
                          options["static_decay"], step)
-            for name, guide in model.scene.frictional_guides.items() if guide.mu or guide.static_coefficient]
+            for name, guide in model.scene.frictional_guides.items() if guide.static_coefficient]
 
 
 def moved_mass(scene: Scene, name: str) -> float:

@@ -99,13 +99,11 @@ class FrictionalGuide(SlidingGuide):
         super().bind(model)
         (self.hold_row,) = model.multipliers(self._connector)
 
-    def switch(self, mode: int, q: np.ndarray | None = None) -> None:
+    def switch(self, mode: int, q: np.ndarray) -> None:
         """Slip against (-1) or along (1) the direction, or stick (0) at the place that q gives."""
         self.mode = mode
         self.system.SetObjectParameter(self._connector, "activeConnector", mode == 0)
         if mode == 0:
-            if q is None:
-                raise ValueError("q: found none; expected the place at which the guide sticks")
             self.system.SetObjectParameter(self._connector, "offset", self.displacement(q))
             self._apply(0.0)
 

@@ -243,7 +243,7 @@ class Stepper:
             self._stop(before, [guide for guide in self.guides if guide.mode
                                 and (guide is ended or abs(guide.slip_speed(before.q, before.v)) <= REST_SPEED)])
         else:
-            ended.switch(int(-copysign(1, ended.friction)))
+            ended.switch(int(-copysign(1, ended.friction)), before.q)
         after = self._restart(before.t, before.q, before.v)
         for guide, old in zip(self.guides, modes):
             if guide.mode != old:
@@ -255,7 +255,7 @@ class Stepper:
         """Turn sliders that came to rest round where static friction lets them; else they stick."""
         # to hold them and look at the force would fail where the mechanism turns round: there no force holds them
         for guide in guides:
-            guide.switch(-guide.mode)
+            guide.switch(-guide.mode, state.q)
             guide.coefficient = guide.mus
         a, _ = self._start(state.t, state.q, state.v)
         turns = [guide.mode * guide.slip_acceleration(state.q, state.v, a) > 0.0 for guide in guides]
@@ -277,7 +277,7 @@ class Stepper:
             overloaded = min(held, key=lambda guide: guide.margin(q, v), default=None)
             if overloaded is None or overloaded.margin(q, v) >= -ROUNDING:
                 return Sample(t, q, on_constraints, a, multipliers, self._record())
-            overloaded.switch(int(-copysign(1, overloaded.friction)))
+            overloaded.switch(int(-copysign(1, overloaded.friction)), q)
 
     def _independent(self, held: list[FrictionalGuide]) -> bool:
         """Return True where the connectors that hold sliders all add to the rank of the constraints."""

@@ -164,7 +164,6 @@ class TreeStepper(Stepper):
         """The motor of a joint holds this rate from now on (m/s or rad/s)."""
         self.rates[link] = rate
 
-    @abstractmethod
     def advance(self, caps: Sequence[float]) -> None:
         """One pass of the engine with these bounds of `friction_links` (N), under `loads`.
 

@@ -62,7 +62,7 @@ def _scene(name, folder):
 def _recorded(engine, scene, fidelity, steps, bounds):
     """The tree of a scene, the motion of an engine's adapter, and the bounds of each step's last pass."""
     tree, settings, motion = LinkTree(scene, fidelity), [], []
-    with engine.stepper(scene, tree, STEP, engine.default_settings(fidelity), fidelity) as stepper:
+    with engine.stepper(scene, STEP, engine.default_settings(fidelity), fidelity) as stepper:
         stepper.compile()
         advance = stepper.advance
 

@@ -269,12 +269,11 @@ def cone(run: Examined) -> Iterator[str]:
 
     |friction| <= mus load at rest, friction = -mode mu load in slip.
 
-    An engine that locates events finds friction and reactions at one instant. Both hold to `SAME` of the largest force,
-    or of m v^2/size where there is none; or to ten times its tolerance, as its states are wrong by that and a corner
-    force near zero has either sign. Baumgarte's terms answer the drift with forces: what they accelerate is allowed. At
-    fixed step size friction has the bound of a step before: it must lie within the coefficient times the load, and the
-    change of that to the sample before or behind; with the larger coefficient, unless the guide slips faster than its
-    speed changes there. Forces that are nan are not judged.
+    Where events are located, both hold to `SAME` of the largest force, or of m v^2/size where there is none, or to ten
+    times the tolerance, by which states are wrong; what Baumgarte's terms accelerate is allowed. At fixed step size
+    friction has the bound of a step before: it must lie within the coefficient times the load, and the change of that
+    to the sample before or behind; with the larger coefficient, unless the guide slips faster than its speed changes
+    there. Forces that are nan are not judged.
     """
     found, guides = run.found, run.scene.frictional_guides
     if not guides or not run.keeps(found.settings):

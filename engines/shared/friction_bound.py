@@ -96,15 +96,8 @@ class FrictionBound(GuideFriction):
              retreat: Callable[[], None]) -> None:
         """Have the engine make a step, whose passes are repeated until bound and reactions agree.
 
-        Parameters
-        ----------
-        advance : callable
-            One pass with these caps (N).
-        finish : callable
-            Kernel that judges a pass by `data`: True if the step is to be repeated. If not, the next one has begun, of
-            the time t (s).
-        retreat : callable
-            Return to the beginning of the step.
+        `advance` makes a pass with these caps (N), `retreat` returns to the beginning. The kernel `finish` judges a
+        pass by its `data`: False where it is accepted, and the next step has begun, of the time t (s).
         """
         while True:
             advance(self._caps())
@@ -161,15 +154,10 @@ class ContactFriction(CoefficientSwitch):
 
     def observe(self, position: np.ndarray, velocity: np.ndarray, coefficients: Sequence[float],
                 normals: Sequence[float], frictions: Sequence[float]) -> None:
-        """Take in a step.
+        """Take in a step, with the joints' coordinates and velocities behind it.
 
-        Parameters
-        ----------
-        position, velocity
-            Of the joints behind it.
-        coefficients, normals, frictions
-            Per frictional guide: the coefficient in the step; sums of the magnitudes of its contacts' normal and
-            tangential forces (N).
+        Per frictional guide: the coefficient in the step; sums of the magnitudes of its contacts' normal and tangential
+        forces (N).
         """
         data = self.data
         for i, speed in enumerate(self._slip_speeds(position, velocity)):

@@ -110,7 +110,8 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
         for side, sign in SIDES.items():
             inward = _inward(guide, corners, side)
             place = (guide.point[0] + sign * uy * width / 2, guide.point[1] - sign * ux * width / 2)
-            add(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1", pos=numbers(*place, 0.0),
+            add(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1",
+                pos=numbers(*place, 0.0),
                 zaxis=numbers(-sign * uy, sign * ux, 0.0), **untouched)
             for k in _CORNERS[side]:
                 x, y = corners[k]
@@ -120,12 +121,22 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
                 friction = {"friction": numbers(guide.kinetic_coefficient, guide.kinetic_coefficient, 0.0, 0.0, 0.0),
                             "solreffriction": numbers(-1.0, -softness.impedance / timestep)} \
                     if guide.frictional else {}
-                # the direct format counts what a contact alone does with its impedance; two of them carry a flat box
-                add(contact, "pair", name=f"{surface(name, side)}.{k + 1}", geom1=surface(name, side),
-                    geom2=f"{name}.corner{k + 1}", condim="3" if guide.frictional else "1", **friction,
-                    solref=numbers(-softness.impedance * softness.recovery / timestep**2,
-                                   -(1.0 + softness.impedance) / 2 / timestep),
-                    solimp=numbers(softness.impedance, softness.impedance, 0.001, 0.5, 2.0))
+                add(
+                    contact,
+                    "pair",
+                    name=f"{surface(name, side)}.{k + 1}",
+                    geom1=surface(name, side),
+                    geom2=f"{name}.corner{k + 1}",
+                    condim="3" if guide.frictional else "1",
+                    **friction,
+                    # the direct format counts what a contact alone does with its impedance; two of them
+                    # carry a flat box
+                    solref=numbers(
+                        -softness.impedance * softness.recovery / timestep**2,
+                        -(1.0 + softness.impedance) / 2 / timestep,
+                    ),
+                    solimp=numbers(softness.impedance, softness.impedance, 0.001, 0.5, 2.0),
+                )
             if guide.frictional:
                 xml.SubElement(sensor, "contact", name=surface(name, side), geom1=surface(name, side), data="force",
                                reduce="netforce")

@@ -36,9 +36,18 @@ _PLACEHOLDER = 1.0
 class Options:
     """MuJoCo's own options of a model.
 
-    In the `timestep`, s, friction brings a slider to rest (``solreffriction``), and loops close. MuJoCo's constraints
-    are soft: the share `impedance` < 1 of the force that would hold is applied (``solimp``). `noslip`: frictions are
-    solved for once more, as if they were hard.
+    Attributes
+    ----------
+    timestep : float
+        Seconds. Friction brings a slider to rest within one (``solreffriction``), loops close within one.
+    iterations : int
+        Of the solver.
+    impedance : float
+        MuJoCo's constraints are soft: this share of the force that would hold is applied (``solimp``); less than 1.
+    solver, integrator : str
+        By MuJoCo's names.
+    noslip : bool
+        True where frictions are solved for once more, as if they were hard (``noslip_iterations``).
     """
 
     timestep: float

@@ -100,11 +100,10 @@ def velocities(run: Examined) -> Iterator[str]:
     """Velocities are the derivatives of positions.
 
     Both move each body along its velocity by the same, with their means removed. Between two instants a velocity is
-    known to the change that it shows there: half of it is the error of the trapezoidal rule on a velocity that only
-    rises or only falls, the other half that of an engine that moves with the velocity at the end of its step. Where the
-    mechanism as a whole changes all of its velocity, nothing is known. Nor is a mean: what vibrates once between two
-    instants has the same velocity at both and stays. Motions that are small against the mechanism and the longest way,
-    as of a box that rattles in its guide, are not judged: engines correct positions by as much.
+    known to the change that it shows there: half of it for the trapezoidal rule, half for engines that move with the
+    velocity at the end of a step. Where all of it changes, nothing is known, nor is a mean: what vibrates once between
+    two instants stays. Motions that are small against the mechanism and the longest way are not judged: engines correct
+    positions by as much.
     """
     found, size = run.found, run.size
     q, v, a = (values * np.tile([1.0, 1.0, size], len(run.scene.bodies)) for values in run.motion)
@@ -126,10 +125,8 @@ def velocities(run: Examined) -> Iterator[str]:
             i = int(np.argmax(np.abs(by_position - h * speed) - unknown))
             scale, unit = (size, "rad") if kind == "omega" else (1.0, "m")
             yield (f"velocities of {body} ({kind}) that are not those of its positions: about their mean they move it "
-                   "by "
-                   f"{h @ speed / scale:.4g} {unit}, its positions by {np.sum(by_position) / scale:.4g} {unit}, and "
-                   "differ "
-                   f"most from t = {begin[i]:.9g} s on; expected the same within {allowed / scale:.2g} {unit}")
+                   f"by {h @ speed / scale:.4g} {unit}, its positions by {np.sum(by_position) / scale:.4g} {unit}, and "
+                   f"differ most from t = {begin[i]:.9g} s on; expected the same within {allowed / scale:.2g} {unit}")
 
 
 def displacements(run: Examined) -> Iterator[str]:
@@ -163,8 +160,7 @@ def balance(run: Examined) -> Iterator[str]:
         if (i := first(left > BALANCE * largest)) is not None:
             where = f" ({sides[i - len(found.t)][0]})" if i >= len(found.t) else ""
             yield (f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / largest:.2g} "
-                   "of the "
-                   f"largest is left over; expected less than {BALANCE:g}")
+                   f"of the largest is left over; expected less than {BALANCE:g}")
 
 
 def corner_forces(run: Examined) -> Iterator[str]:
@@ -216,13 +212,11 @@ def _chain(run: Examined, own: Sequence[Event], name: str, corners: bool) -> Ite
         old, new = event.before[mode], event.after[mode]
         if not MODES[event.kind](old, new):
             yield (f"{event.kind} of {name} at t = {event.time:.9g} s: mode {old:g} before and {new:g} after; expected "
-                   "those of "
-                   f"a {event.kind}")
+                   f"those of a {event.kind}")
     for one, two in zip(own, own[1:]):
         if one == two or one.after[mode] != two.before[mode] or corners and _other_surfaces(run, name, one, two):
             yield (f"{one.kind} of {name} at t = {one.time:.9g} s, then {two.kind} at {two.time:.9g} s: the contact "
-                   "mode behind "
-                   "the one is not that in front of the other; expected every event once")
+                   "mode behind the one is not that in front of the other; expected every event once")
 
 
 def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator[str]:
@@ -272,12 +266,11 @@ def cone(run: Examined) -> Iterator[str]:
 
     |friction| <= mus load at rest, friction = -mode mu load in slip.
 
-    An engine that locates events finds friction and reactions at one instant. Both hold to `SAME` of the largest force,
-    or of m v^2/size where there is none; or to ten times its tolerance, as its states are wrong by that and a corner
-    force near zero has either sign. Baumgarte's terms answer the drift with forces: what they accelerate is allowed. At
-    fixed step size friction has the bound of a step before: it must lie within the coefficient times the load, and the
-    change of that to the sample before or behind; with the larger coefficient, unless the guide slips faster than its
-    speed changes there. Forces that are nan are not judged.
+    Where events are located, both hold to `SAME` of the largest force, or of m v^2/size where there is none, or to ten
+    times the tolerance, by which states are wrong; what Baumgarte's terms accelerate is allowed. At fixed step size
+    friction has the bound of a step before: it must lie within the coefficient times the load, and the change of that
+    to the sample before or behind; with the larger coefficient, unless the guide slips faster than its speed changes
+    there. Forces that are nan are not judged.
     """
     found, guides = run.found, run.scene.frictional_guides
     if not guides or not run.keeps(found.settings):
@@ -311,15 +304,11 @@ def cone(run: Examined) -> Iterator[str]:
         if (i := first((excess > allowed) & (found.t >= begins))) is not None:
             expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
             yield (f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected "
-                   f"{expected}, "
-                   f"by the load of its corners, within {allowed[i]:.2g} N")
+                   f"{expected}, by the load of its corners, within {allowed[i]:.2g} N")
 
 
 def _baumgarte_force(run: Examined) -> np.ndarray:
-    """Force by which Baumgarte's terms answer the drift, N.
-
-    All masses times 2 alpha Phi' + beta^2 Phi (paper, eq. 25).
-    """
+    """Force of Baumgarte's terms, all masses times 2 alpha Phi' + beta^2 Phi (paper, eq. 25), N."""
     law = run.found.settings.get("stabilization")
     if not isinstance(law, Mapping) or law.get("method") != "baumgarte":
         return np.zeros(len(run.found.t))

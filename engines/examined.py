@@ -45,10 +45,8 @@ class Examined:
     ----------
     found : Trajectory
         Returned by `Engine.run`.
-    scene : Scene
     t_end, dt, output_step : float
         As requested, s; `dt` may be None.
-    fidelity : str
     locates, keeps : callable
         `Engine.locates_events` and `Engine.keeps_cone` at this fidelity, by the settings of the trajectory.
     """

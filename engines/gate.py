@@ -136,8 +136,7 @@ def columns(run: Examined) -> Iterator[str]:
     for name, bad in unknown.items():
         if (i := first(bad & ~left_open.get(name, False))) is not None:
             yield (f"column {name}: {found[name][i]} at t = {found.t[i]:.9g} s; expected finite numbers, or nan in "
-                   "forces "
-                   "that the motion leaves open")
+                   "forces that the motion leaves open")
 
 
 def _left_open(run: Examined) -> dict[str, np.ndarray]:

@@ -34,8 +34,6 @@ from stiction.engines.protocol import Refused
 from stiction.engines.registry import EngineMissing, absolute_name, load_engine
 from stiction.scenes import Scene, StictionError, Trajectory
 
-STATUSES = ("ok", "refused", "failed", "timed out", "crashed", "missing")
-
 _START_S = 120.0  # a child that takes longer to import the main module will never be there
 _FAILED_STARTS = 5  # in a row: then the cause is the machine or the caller's script, not chance
 _GRACE_S = 2.0  # between the end of a child's pipe and the end of the child
@@ -69,19 +67,15 @@ class Outcome:
     Attributes
     ----------
     status : str
-        ``"ok"``; ``"refused"`` (the engine cannot represent the scene); ``"failed"`` (an exception, or a
-        value that cannot be pickled); ``"timed out"``; ``"crashed"`` (the process ended by a signal or an
-        exit); ``"missing"`` (the engine's package is not installed).
+        ``"ok"``; ``"refused"`` (the engine cannot represent the scene); ``"failed"`` (an exception, or a value that
+        cannot be pickled); ``"timed out"``; ``"crashed"`` (the process ended by a signal or an exit); ``"missing"``
+        (the engine's package is not installed).
     value
         What the function returned (for a `Job`, the trajectory); None unless ok.
-    reason : str
-        One line, the engine's own words where it had any; empty if ok.
-    log : str
-        The end of what was printed, the traceback of an exception included.
-    wall_s : float
-        Seconds from the start of the call to its end.
-    cpu_s : float or None
-        CPU seconds of the child; None if it did not live to tell.
+    reason, log : str
+        One line, the engine's own words where it had any; the end of what was printed, tracebacks included.
+    wall_s, cpu_s : float
+        Seconds from the start of the call to its end; of CPU, None if the child did not live to tell.
     bug : bool
         Whether the task failed with an exception that is no `StictionError`: neither the suite nor the engine meant it,
         and `log` ends with its traceback.
@@ -114,10 +108,7 @@ def simulation(job: Job) -> Task:
 
 
 def is_simulation(task: Task) -> bool:
-    """Return True for a task of `simulation`.
-
-    Its arguments are engine, scene and arguments of `Engine.simulate`, its value a trajectory.
-    """
+    """Return True for a task of `simulation`, whose arguments are engine, scene and those of `Engine.simulate`."""
     return task.function is _simulate
 
 
@@ -156,8 +147,10 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         If children cannot be started. They import the main module, so a script must call this under
         ``if __name__ == "__main__":``.
 
-    Notes ----- Whatever ends this call, an interrupt included, and another one behind it, no child outlives it. If this
-    process itself is killed, its children leave as soon as their engine lets Python run.
+    Notes
+    -----
+    Whatever ends this call, an interrupt included, and another one behind it, no child outlives it. If this process
+    itself is killed, its children leave as soon as their engine lets Python run.
     """
     workers = (os.cpu_count() or 1) if workers is None else workers
     if workers < 1 or not timeout_s > 0:
@@ -198,12 +191,8 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                             if workers > 1:  # no core waits for what is made of the outcome; one child alone has none
                                 feed(child)
                             settle(index, **_read(message), log=log)
-                    elif (
-                        child.connection in arrived
-                        or time.monotonic() >= child.deadline
-                        and not child.connection.poll()
-                    ):
-                        # it may have come since
+                    elif child.connection in arrived or (time.monotonic() >= child.deadline
+                                                         and not child.connection.poll()):  # it may have come since
                         children.remove(child)
                         result = child.end(timed_out=child.connection not in arrived)
                         if child.task is not None:
@@ -247,10 +236,7 @@ class _Child:
         return self.ready and self.task is None
 
     def give(self, task: int, call: bytes, timeout_s: float) -> bool:
-        """Start a task, its log empty even if the child ends before it reads it.
-
-        False if the child ended while it was idle (its connection will tell).
-        """
+        """Start a task, with an empty log; False if the child ended while it was idle (its connection will tell)."""
         os.truncate(self._log, 0)
         try:
             self.connection.send_bytes(call)

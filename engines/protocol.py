@@ -39,10 +39,7 @@ installed_version = cache(version)
 
 @cache
 def required(package: str) -> SpecifierSet:
-    """Versions of an engine's package that the suite takes, by its own metadata (``pyproject.toml``).
-
-    Any, where an editable installation is from before the engine.
-    """
+    """Versions of an engine's package that the suite takes, by its own metadata; any, where that lacks the engine."""
     # imported here: most commands ask for no bound, and it takes a twentieth of what `stiction.engines` does
     from packaging.requirements import Requirement
     from packaging.specifiers import SpecifierSet
@@ -52,31 +49,18 @@ def required(package: str) -> SpecifierSet:
 
 
 def accepted(package: str, found: str) -> str:
-    """The version found of an engine's package.
-
-    Raises
-    ------
-    ImportError
-        If the suite takes others only.
-    """
+    """Return the version found of an engine's package; ImportError if the suite takes others only."""
     if not required(package).contains(found, prereleases=True):
         raise ImportError(f"found {package} {found}; expected {required(package)}", name=package)
     return found
 
 
 def check_steps(t_end: float, dt: float) -> None:
-    """Refuse a run of more than `MOST_STEPS` steps.
-
-    Raises
-    ------
-    InputError
-        With the number of steps.
-    """
+    """Raise InputError for a run of more than `MOST_STEPS` steps."""
     if t_end / dt > MOST_STEPS:
         raise InputError(f"dt: found {dt:g} s, which is {t_end / dt:.3g} steps to t_end = {t_end:g} s; expected at "
-                         "most "
-                         f"{MOST_STEPS:.0e} steps, which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an earlier "
-                         "t_end")
+                         f"most {MOST_STEPS:.0e} steps, which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an "
+                         "earlier t_end")
 
 
 class Refused(StictionError):
@@ -108,10 +92,7 @@ class Unsettled(EngineFailure):
 
 
 class BadTrajectory(EngineFailure):
-    """The result of the engine is no motion of this mechanism, or no trajectory of the run.
-
-    The message says what was found and what was expected.
-    """
+    """The result of the engine is no motion of this mechanism, or no trajectory of the run."""
 
 
 @dataclass(frozen=True)
@@ -264,8 +245,7 @@ class Engine(ABC):
         t_end
             Seconds; the scene's own where None.
         dt, rtol
-            Step of a fixed-step method (s), relative tolerance of an adaptive one; the engine's default
-            where None. Giving the one that the method does not have is an error.
+            Step of a fixed-step method (s), relative tolerance of an adaptive one; the engine's default where None.
         fidelity
             ``"joint"`` or ``"contact"``.
         output_step
@@ -283,7 +263,7 @@ class Engine(ABC):
         EngineFailure
             If the engine gave up.
         BadTrajectory
-            If what it returned is not a trajectory of this run; see `gate.problems`.
+            If the result is not a trajectory of this run; see `gate.problems`.
         """
         t_end = scene.t_end if t_end is None else t_end
         for name, value in (("t_end", t_end), ("dt", dt), ("output_step", output_step)):
@@ -291,8 +271,7 @@ class Engine(ABC):
                 raise InputError(f"{name}: found {value!r}; expected seconds, > 0")
         if t_end / output_step > MOST_OUTPUTS:
             raise InputError(f"t_end, output_step: found {t_end:g} s and {output_step:g} s, {t_end / output_step:.3g} "
-                             "instants; expected at most "
-                             f"{MOST_OUTPUTS:g}")
+                             f"instants; expected at most {MOST_OUTPUTS:g}")
         if dt is not None and dt > t_end:
             raise InputError(f"dt: found {dt!r}; expected at most t_end = {t_end:g} s")
         if dt is not None:
@@ -305,8 +284,7 @@ class Engine(ABC):
         if fidelity not in self.capabilities.fidelities:
             first, *_ = known = self.capabilities.fidelities
             raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(known)}: add --fidelity "
-                          f"{first} "
-                          f"to the command, fidelity=\"{first}\" in Python")
+                          f"{first} to the command, fidelity=\"{first}\" in Python")
         self.check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
         reason = self.refusal(scene, fidelity)
         if reason is not None:

@@ -92,10 +92,7 @@ def label_of(name: str) -> str:
 
 @lru_cache(maxsize=1)
 def _announced(path: tuple[str, ...]) -> Mapping[str, str]:
-    """Addresses by name of the engines that packages announce which are found on `path`.
-
-    Every run asks, and reading them takes 7 ms.
-    """
+    """Addresses by name of the engines that packages on `path` announce; reading them takes 7 ms."""
     return {entry.name: entry.value for entry in entry_points(group=ENTRY_POINT_GROUP)}
 
 
@@ -105,10 +102,9 @@ def load_engine(name: str) -> Engine:
     Parameters
     ----------
     name
-        One of `engine_names()`, or ``"module:Class"``. The class derives from `Engine` and takes no
-        arguments. Other packages announce theirs in the entry point group ``stiction.engines``;
-        the suite's own names come first. Or the path of the declaration of a program, ``"mysolver.toml"``, or of an
-        FMU, ``"model.fmu"``.
+        One of `engine_names()`, or ``"module:Class"``; the class derives from `Engine` and takes no arguments. Other
+        packages announce theirs in the entry point group ``stiction.engines``; the suite's own names come first. Or the
+        path of the declaration of a program, ``"mysolver.toml"``, or of an FMU, ``"model.fmu"``.
 
     Raises
     ------
@@ -118,8 +114,7 @@ def load_engine(name: str) -> Engine:
         If the declaration of a program or an FMU cannot be used; it lists all problems.
     EngineMissing
         If the engine's package is not installed, too old, broken or cannot be imported; the message says what to
-        install. Of an engine that another package announces whatever its adapter raises is one, so that the other
-        engines go on.
+        install. Of an engine that another package announces whatever its adapter raises is one.
     """
     if is_file(name):
         if not Path(name).is_file():

@@ -25,7 +25,6 @@ from stiction.comparisons.studies.study import studies
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import Record, Variant
 from stiction.engines import Engine, EngineMissing, Outcome, isolation, load_engine
-from stiction.engines.reference import moreau
 from stiction.engines.reference.engine import ReferenceEngine, compile_kernels
 from stiction.reports import report_of, write_report
 from stiction.scenes import load_scene
@@ -35,7 +34,7 @@ def pytest_sessionstart(session):
     """Kernels are compiled once, before workers start that would each compile the same."""
     if session.config.getoption("numprocesses", default=None):
         compile_kernels()
-        moreau.compile_kernels()
+        compile_kernels("moreau")
 
 
 @pytest.fixture(scope="session")

@@ -2,18 +2,13 @@
 
 Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints;
 joints that close loops are ball joint constraints, corrected by `erp` of their error each step. Drives: actuators of
-prescribed velocity, at the rate of the law, constant or such that each step ends on it; which joints can be driven is
-said in `stiction.engines.shared.joint_coordinates`. Friction: the Coulomb friction of DART's joints at the bound of
-`stiction.engines.shared.friction_cap`. Springs, dampers, forces and torques are evaluated by the adapter and applied to
-the bodies.
+prescribed velocity. Friction: the Coulomb friction of DART's joints at the bound.
 
 Contact fidelity. The slider has four small spheres whose outer points are the corners of a box of the guide's length
-and width, between two half-spaces, without clearance; or it is that box, between two fixed boxes. Normal forces and
-friction are the engine's contacts. They are solved by DART's projected Gauss-Seidel to convergence: of contacts in the
-plane Dantzig's matrix is singular, and where it is not, his friction is bound by the normal forces without friction.
-Each slider is the root of a tree, so that a step ends on the surface on which it slid; joints from one tree to another
-are loops. The static coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to
-reverse, mu otherwise.
+and width, between two half-spaces, without clearance; or it is that box, between two fixed boxes. Contacts are solved
+by DART's projected Gauss-Seidel to convergence: of contacts in the plane Dantzig's matrix is singular, and where it is
+not, his friction is bound by the normal forces without friction. Each slider is the root of a tree, so that a step ends
+on the surface on which it slid; joints from one tree to another are loops.
 """
 
 from __future__ import annotations
@@ -28,10 +23,10 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import BadTrajectory, accepted, installed_version
-from stiction.engines.shared.contact_friction import ContactFriction
+from stiction.engines.shared.acceleration_integrator import TreeAccelerations
 from stiction.engines.shared.contact_geometry import REACH, box_angle, direction_of, several_guides, slider_box
 from stiction.engines.shared.fixed_step import Defaults
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, motor_link
+from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper, motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
@@ -46,8 +41,6 @@ _AT_REST = 1e-9
 _MIXING = 1e-9
 """DART's constraint force mixing of joint friction (DART_CFM). A joint that it holds keeps this share of a rate: of
 what its friction alone would give it in a step."""
-_SETTLING = 16
-"""Steps in which the joints that close loops settle at the position error they keep."""
 _LEAST_FRICTION = 1e-3
 """Coefficient of friction up to which DART's contacts have none (DART_FRICTION_COEFF_THRESHOLD)."""
 _ROUGH = 1e9
@@ -77,12 +70,15 @@ class DartEngine(TreeEngine):
     `detector` (ODE, FCL, Bullet, DART: who finds the contacts).
     """
 
-    name, called, reach, defaults = "dart", "DART", REACH, _SETTINGS
+    name, called, defaults = "dart", "DART", _SETTINGS
 
     @property
     def version(self) -> str:
         import_module("dartpy")  # ImportError where it cannot be imported
         return accepted("dartpy", installed_version("dartpy"))
+
+    def reach(self, fidelity: str) -> float:
+        return REACH if fidelity == "contact" else math.inf
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if reason := super().refusal(scene, fidelity):
@@ -104,21 +100,17 @@ class DartEngine(TreeEngine):
         return None
 
     @contextmanager
-    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any],
-                fidelity: str) -> Iterator[TreeStepper]:
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
         with _loops_closed_by(options["erp"]):
-            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options)
+            yield (_Stepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
 
-    def accelerations(self, scene: Scene, tree: LinkTree) -> AbstractContextManager[TreeAccelerations]:
-        return nullcontext(_Accelerations(scene, tree))
+    def accelerations(self, scene: Scene) -> AbstractContextManager[TreeAccelerations]:
+        return nullcontext(_Accelerations(scene))
 
 
 @contextmanager
 def _loops_closed_by(erp: float) -> Iterator[None]:
-    """Have this share of a loop's error corrected in a step, at any speed.
-
-    DART has one value for the whole process: it comes back.
-    """
+    """Have this share of a loop's error corrected in a step, at any speed; DART has one value for the whole process."""
     from dartpy.constraint import BallJointConstraint as Loop
 
     before = Loop.getErrorReductionParameter(), Loop.getMaxErrorReductionVelocity()
@@ -131,9 +123,9 @@ def _loops_closed_by(erp: float) -> Iterator[None]:
         Loop.setMaxErrorReductionVelocity(before[1])
 
 
-def _skeletons(scene: Scene, tree: LinkTree, unit: float = 1.0) -> tuple[dict[int, Any], dict[int, Any],
-                                                                         dict[int, Any]]:
-    """Skeletons by their first coordinate, joints and bodies by link."""
+def _skeletons(scene: Scene, tree: LinkTree,
+               unit: float = 1.0) -> tuple[list[tuple[Any, slice]], dict[int, Any], dict[int, Any]]:
+    """Skeletons with the places of their coordinates, joints and bodies by link."""
     from dartpy.dynamics import (Inertia, PlanarJointProperties, PrismaticJointProperties, RevoluteJointProperties,
                                  Skeleton)
 
@@ -156,14 +148,14 @@ def _skeletons(scene: Scene, tree: LinkTree, unit: float = 1.0) -> tuple[dict[in
             properties.mAxis = np.array((0.0, 0.0, 1.0))
         properties.mName = f"joint-{i}"
         joint, body = create(bodies.get(link.parent), properties)
-        origin = tree.links[link.parent].point if link.parent >= 0 else (0.0, 0.0)
-        joint.setTransformFromParentBodyNode(_placed(np.subtract(link.anchor, origin), link.angle))
+        joint.setTransformFromParentBodyNode(_placed(tree.place(i)[:2], link.angle))
         data = scene.bodies[link.body]
-        body.setInertia(Inertia(unit * data.mass, _centre(link.point), np.eye(3) * (unit * data.inertia)))
+        body.setInertia(Inertia(unit * data.mass, tree.centre(i), np.eye(3) * (unit * data.inertia)))
         joints[i], bodies[i] = joint, body
         if (found := first + joint.getIndexInSkeleton(joint.getNumDofs() - 1)) != i:
             raise RuntimeError(f"DART numbers the coordinate of link {i} as {found}; expected them as they were made")
-    return skeletons, joints, bodies
+    places = [(skeleton, slice(first, first + skeleton.getNumDofs())) for first, skeleton in skeletons.items()]
+    return places, joints, bodies
 
 
 def _placed(point: Sequence[float] | np.ndarray, angle: float) -> Any:
@@ -176,74 +168,59 @@ def _placed(point: Sequence[float] | np.ndarray, angle: float) -> Any:
     return place
 
 
-def _centre(point: tuple[float, float]) -> np.ndarray:
-    """A link's centre of mass in the link's frame, whose origin is the joint's point."""
-    return np.array([-point[0], -point[1], 0.0])
-
-
 def _gravity(scene: Scene) -> np.ndarray:
     return np.array([*(scene.gravity or (0.0, 0.0)), 0.0])
 
 
-class _DartStepper(TreeStepper):
-    """A scene as DART's world of a skeleton for each branch from the ground, with masses and forces times `unit`.
+class _Stepper(TreeStepper):
+    """A scene as DART's world of a skeleton for each branch from the ground, friction as that of its joints."""
 
-    Subclasses add friction.
-    """
-
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, *, passes: int = 1, capped: bool, unit: float = 1.0):
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         from dartpy.dynamics import ActuatorType
         from dartpy.simulation import World
 
-        super().__init__(scene, h, tree, passes, capped)
-        self._unit = unit
+        super().__init__(scene, h, options)
+        tree, self._unit = self.tree, self._unit_of(scene)
         self._world = world = World()
         world.setTimeStep(h)
         world.setGravity(_gravity(scene))
         sleep = world.getDeactivationOptions()
         sleep.mEnabled = False  # on by default: what hardly moves is stopped
         world.setDeactivationOptions(sleep)
-        skeletons, self._joints, self._links = _skeletons(scene, tree, unit)
-        links = self._links
-        self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs()))
-                           for first, skeleton in skeletons.items()]
-        self._rates: dict[int, float] = {}
+        self._skeletons, self._joints, self._links = _skeletons(scene, tree, self._unit)
         for drive in scene.drives.values():
             self._joints[motor_link(scene, tree, drive)[0]].setActuatorType(ActuatorType.VELOCITY)
-        for skeleton in skeletons.values():
+        for skeleton, _ in self._skeletons:
             world.addSkeleton(skeleton)
-        self._put(self.position, self.velocity)
+        self.put(self.position, self.velocity)
         for name in tree.loops:
-            self._close_loop(scene, name, links)
-        self._bodies = [(links[tree.link_of[name]], _centre(tree.links[tree.link_of[name]].point))
-                        for name in scene.bodies] if self.loaded else []
-        self.add_drives(scene)
-        if tree.loops:
-            self.settling = _SETTLING
+            self._close_loop(scene, name)
+        self._bodies = [(self._links[link], tree.centre(link))
+                        for link in (tree.link_of[name] for name in scene.bodies)] if self.loaded else []
 
-    def _close_loop(self, scene: Scene, name: str, links: Mapping[int, Any]) -> None:
+    def _unit_of(self, scene: Scene) -> float:
+        """Factor of the masses and forces that DART gets."""
+        return 1.0
+
+    def _close_loop(self, scene: Scene, name: str) -> None:
         from dartpy.constraint import BallJointConstraint
 
-        pin = scene.pins[name]
-        (first, p), (second, _) = sorted(zip(pin.bodies, pin.points), key=lambda side: self.tree.link_of[side[0]],
-                                         reverse=True)
-        body, other = links[self.tree.link_of[first]], self.tree.link_of[second]
-        place = body.getWorldTransform().multiply(_centre(self.tree.links[self.tree.link_of[first]].point) + (*p, 0.0))
+        pin, tree, links = scene.pins[name], self.tree, self._links
+        (other, _), (first, p) = sorted((tree.link_of[body], point) for body, point in zip(pin.bodies, pin.points))
+        body = links[first]
+        place = body.getWorldTransform().multiply(tree.centre(first) + (*p, 0.0))
         constraint = BallJointConstraint(body, links[other], place) if other >= 0 else BallJointConstraint(body, place)
         self._world.getConstraintSolver().addConstraint(constraint)
 
-    def _put(self, position: np.ndarray, velocity: np.ndarray) -> None:
+    def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
         for skeleton, part in self._skeletons:
             skeleton.setPositions(position[part])
             skeleton.setVelocities(velocity[part])
 
-    def drive_rate(self, link: int, rate: float) -> None:
-        self._rates[link] = rate
-
     def advance(self, caps: Sequence[float]) -> None:
         for link, cap in zip(self.friction_links, caps):
             self._joints[link].setCoulombFriction(0, cap)
-        for link, rate in self._rates.items():  # a step forgets commands and loads
+        for link, rate in self.rates.items():  # a step forgets commands and loads
             self._joints[link].setCommand(0, rate)
         if self.loaded:
             loads = (self._unit * self.loads).tolist()
@@ -275,34 +252,21 @@ class _DartStepper(TreeStepper):
         parts = [getattr(skeleton, what)() for skeleton, _ in self._skeletons]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
-    def retreat(self) -> None:
-        self._put(*self.start)
 
-
-class _JointStepper(_DartStepper):
-    """Guides as prismatic joints, friction as theirs."""
-
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any]):
-        super().__init__(scene, tree, h, passes=options["passes"], capped=True)
-
-
-class _ContactStepper(_DartStepper):
+class _ContactStepper(ContactStepper, _Stepper):
     """Sliders between two fixed surfaces each."""
 
-    friction: ContactFriction
-
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any]):
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         from dartpy.dynamics import Skeleton
         from dartpy.simulation import CollisionDetectorType
 
-        super().__init__(scene, tree, h, capped=False,
-                         unit=2.0 ** round(math.log2(_MASS / sum(body.mass for body in scene.bodies.values()))))
+        super().__init__(scene, h, options)
         self._world.setCollisionDetector(getattr(CollisionDetectorType, options["detector"].upper()))
         self._solve_by_gauss_seidel(options["iterations"])
         ground = Skeleton("guides")
         surfaces, self._guides = [], []
         for number, guide in enumerate(scene.guides.values()):
-            slider = self._links[tree.link_of[guide.slider]]
+            slider = self._links[self.tree.link_of[guide.slider]]
             along = np.array(direction_of(guide))
             _, surface = ground.createWeldJointAndBodyNodePair()
             surfaces.append((surface, slider))
@@ -318,8 +282,11 @@ class _ContactStepper(_DartStepper):
         self._keep_apart(surfaces)
         self._alone = len(surfaces) == 1
         # of a root, x is two links before its angle
-        self._ends = [(name, tree.link_of[guide.slider] - 2, guide.point) for name, guide in scene.guides.items()]
-        self._set: list[float] = []
+        self._ends = [(name, self.tree.link_of[guide.slider] - 2, guide.point) for name, guide in scene.guides.items()]
+        self._set: Sequence[float] = []
+
+    def _unit_of(self, scene: Scene) -> float:
+        return 2.0 ** round(math.log2(_MASS / sum(body.mass for body in scene.bodies.values())))
 
     def _solve_by_gauss_seidel(self, iterations: int) -> None:
         from dartpy.constraint import BoxedLcpConstraintSolver, PgsBoxedLcpSolverOption
@@ -342,31 +309,30 @@ class _ContactStepper(_DartStepper):
                          (slider, other_slider)):
                 uncollided.addBodyNodePairToBlackList(*pair)
 
-    def advance(self, caps: Sequence[float]) -> None:
-        coefficients = self.friction.coefficients()
+    def rub(self, coefficients: Sequence[float]) -> None:
         if coefficients != self._set:
             self._set = coefficients
             for (_, touching, _, _), coefficient in zip(self._guides, coefficients):
                 for aspect in touching:
                     aspect.setFrictionCoeff(coefficient)
+
+    def advance(self, caps: Sequence[float]) -> None:
         super().advance(caps)
         for name, x, point in self._ends:
             if (distance := math.dist(self.position[x:x + 2], point)) > REACH:  # much farther, and ODE ends the process
                 raise BadTrajectory(f"dart: {name} is {distance:g} m from its guide's point; guides end at {REACH:g} m")
-        if self._guides:
-            contacts, normals, frictions = self._world.getLastCollisionResult().getContacts(), [], []
-            for number, _, ux, uy in self._guides:
-                forces = [contact.force.tolist() for contact in contacts if self._alone or _guide_of(contact) == number]
-                normals.append(sum([abs(ux * fy - uy * fx) for fx, fy, _ in forces]) / self._unit)
-                frictions.append(sum([abs(ux * fx + uy * fy) for fx, fy, _ in forces]) / self._unit)
-            self.friction.observe_contacts(self.position, self.velocity, coefficients, normals, frictions)
+
+    def contact_forces(self) -> tuple[list[float], list[float]]:
+        contacts, normals, frictions = self._world.getLastCollisionResult().getContacts(), [], []
+        for number, _, ux, uy in self._guides:
+            forces = [contact.force.tolist() for contact in contacts if self._alone or _guide_of(contact) == number]
+            normals.append(sum([abs(ux * fy - uy * fx) for fx, fy, _ in forces]) / self._unit)
+            frictions.append(sum([abs(ux * fx + uy * fy) for fx, fy, _ in forces]) / self._unit)
+        return normals, frictions
 
 
 def _touch(body: Any, number: int, shape: Any, place: Any) -> Any:
-    """Give a body of a guide a shape that touches, named by the guide's number.
-
-    Its dynamics, whose coefficient of friction is 1 until it is set.
-    """
+    """Give a body a shape that touches, named by its guide's number; returns its dynamics, of friction 1 until set."""
     node = body.createShapeNode(shape, f"{number} {body.getNumShapeNodes()}")
     node.setRelativeTransform(place)
     node.createCollisionAspect()
@@ -390,8 +356,7 @@ def _spheres(guide: Translational) -> list[tuple[Any, Any]]:
 def _box(guide: Translational) -> list[tuple[Any, Any]]:
     from dartpy.dynamics import BoxShape
 
-    return [(BoxShape(np.array([*guide.extent, 2 * _DEPTH])),
-             _placed(guide.slider_point, box_angle(guide)))]
+    return [(BoxShape(np.array([*guide.extent, 2 * _DEPTH])), _placed(guide.slider_point, box_angle(guide)))]
 
 
 def _half_spaces(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any]]:
@@ -414,12 +379,10 @@ def _walls(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any]]:
 class _Accelerations(TreeAccelerations):
     """DART's mass matrix and bias forces."""
 
-    def __init__(self, scene: Scene, tree: LinkTree):
-        super().__init__(scene, tree)
-        skeletons, *_ = _skeletons(scene, tree)
-        self._skeletons = [(skeleton, slice(first, first + skeleton.getNumDofs()))
-                           for first, skeleton in skeletons.items()]
-        for skeleton in skeletons.values():
+    def __init__(self, scene: Scene):
+        super().__init__(scene)
+        self._skeletons, *_ = _skeletons(scene, self._tree)
+        for skeleton, _ in self._skeletons:
             skeleton.setGravity(_gravity(scene))
 
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,8 +11,9 @@ import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import compress
 from math import cos, sin
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,15 +26,8 @@ def corner_inertias(scene: Scene, tree: LinkTree, position: np.ndarray, mass: np
                     driven: Sequence[int]) -> list[float]:
     """Least inertia of each guide against which a corner of its slider moves across the guide, at the start (kg).
 
-    1/(J M^-1 J^T) with J the rate of the corner, as Drake measures contacts (Castro et al. 2022, Sect. V.B); driven
-    joints are held, loops open.
-
-    Parameters
-    ----------
-    position : ndarray, shape (links,)
-    mass : ndarray, shape (links, links)
-    driven : sequence of int
-        Links.
+    1/(J M^-1 J^T) with J the rate of the corner, as Drake measures contacts (Castro et al. 2022, Sect. V.B); `driven`
+    links are held, loops open. `position` is (links,), `mass` (links, links).
     """
     free = np.setdiff1d(np.arange(len(tree.links)), driven)
     mobility = np.linalg.inv(mass[np.ix_(free, free)])
@@ -55,16 +49,9 @@ def corner_inertias(scene: Scene, tree: LinkTree, position: np.ndarray, mass: np
 class Material:
     """A corner and a surface that touch each other.
 
-    Attributes
-    ----------
-    stiffness : float
-        Of the contact, N/m. Drake adds up the compliances of both.
-    static, kinetic : float
-        Coefficients of friction; in discrete steps Drake knows the kinetic one alone.
-    dissipation : float
-        Hunt and Crossley's, s/m.
-    relaxation_time : float
-        Kelvin and Voigt's, s, which the approximation `sap` takes instead.
+    `stiffness` of the contact, N/m (Drake adds up the compliances of both); `static`, `kinetic` coefficients of
+    friction (in discrete steps Drake knows the kinetic one alone); `dissipation` of Hunt and Crossley, s/m;
+    `relaxation_time` of Kelvin and Voigt, s, which the approximation `sap` takes instead.
     """
 
     stiffness: float
@@ -85,19 +72,20 @@ class Material:
         return found
 
 
-class Boxes:
-    """The sliders' corners and the guides' surfaces.
+class _Box(NamedTuple):
+    """A slider's link, the guide's normal, Drake's names of its surfaces and corners, and the corners' places."""
 
-    Parameters
-    ----------
-    scene : Scene
-    tree : LinkTree
-        Whose links are the `bodies`, of type RigidBody.
-    plant : MultibodyPlant
-        Not finalized.
-    graph : SceneGraph
-    materials : sequence of Material
-        By guide.
+    link: int
+    normal: np.ndarray
+    surfaces: list[Any]
+    corners: list[Any]
+    places: list[np.ndarray]
+
+
+class Boxes:
+    """The sliders' corners and the guides' surfaces, added to a plant that is not finalized.
+
+    `bodies` are Drake's of the links of the tree, `materials` by guide.
     """
 
     def __init__(self, scene: Scene, tree: LinkTree, bodies: Sequence[Any], plant: Any, graph: Any,
@@ -106,43 +94,33 @@ class Boxes:
         from pydrake.math import RigidTransform
 
         self._graph, self._source = graph, plant.get_source_id()
-        self._places: dict[Any, int] = {}
-        self._shapes: list[Any] = []
-        self._materials: list[Any] = []
-        self._corners: list[list[tuple[Any, np.ndarray]]] = []
-        self._guides: list[tuple[list[Any], list[Any]]] = []
-        self._across: list[tuple[int, np.ndarray]] = []
+        self._boxes: list[_Box] = []
         for number, (guide, own) in enumerate(zip(scene.guides.values(), materials)):
-            link = tree.link_of[guide.slider]
-            material = own.properties()
+            link, material = tree.link_of[guide.slider], own.properties()
             ux, uy = direction_of(guide)
-            normal, half = np.array([-uy, ux, 0.0]), guide.extent[1] / 2
-            point, origin = np.array([*guide.point, 0.0]), np.array([*tree.links[link].point, 0.0])
+            normal, half, point = np.array([-uy, ux, 0.0]), guide.extent[1] / 2, np.array([*guide.point, 0.0])
             surfaces = [plant.RegisterCollisionGeometry(plant.world_body(),
                                                         HalfSpace.MakePose(inward, point - inward * half),
-                                                        HalfSpace(),
-                                                        f"surface-{number}-{side}", material)
+                                                        HalfSpace(), f"surface-{number}-{side}", material)
                         for side, inward in enumerate((normal, -normal))]
-            places = [np.array([x, y, 0.0]) - origin for x, y in slider_box(guide, 0.0)]
+            places = [tree.centre(link) + (x, y, 0.0) for x, y in slider_box(guide, 0.0)]
             corners = [plant.RegisterCollisionGeometry(bodies[link], RigidTransform(place), Sphere(0.0),
                                                        f"corner-{number}-{i}", material)
                        for i, place in enumerate(places)]
-            self._guides.append((surfaces, corners))
-            self._across.append((link, normal[:2]))
-            self._corners.append(list(zip(corners, places)))
-            if guide.frictional:
-                self._places |= dict.fromkeys(corners, len(self._shapes))
-                self._shapes.append([*surfaces, *corners])
-                self._materials.append(own)
+            self._boxes.append(_Box(link, normal[:2], surfaces, corners, places))
+        frictional = [guide.frictional for guide in scene.guides.values()]
+        self._frictional = list(compress(self._boxes, frictional))
+        self._materials = list(compress(materials, frictional))
+        self._number = {corner: i for i, box in enumerate(self._frictional) for corner in box.corners}
         self._keep_apart(graph.collision_filter_manager())
 
     def _keep_apart(self, filters: Any) -> None:
         """Let corners touch the surfaces of their own guide only."""
         from pydrake.geometry import CollisionFilterDeclaration, GeometrySet
 
-        for own in self._guides:
-            others = [shape for guide in self._guides if guide is not own for shapes in guide for shape in shapes]
-            filters.Apply(CollisionFilterDeclaration().ExcludeBetween(GeometrySet(own[1]), GeometrySet(others)))
+        for own in self._boxes:
+            others = [shape for box in self._boxes if box is not own for shape in (*box.surfaces, *box.corners)]
+            filters.Apply(CollisionFilterDeclaration().ExcludeBetween(GeometrySet(own.corners), GeometrySet(others)))
 
     def begin(self, root: Any) -> None:
         """Refer to this context of the diagram from now on."""
@@ -150,7 +128,7 @@ class Boxes:
 
     def sink(self, position: np.ndarray, after: np.ndarray) -> None:
         """Take each slider's place across its guide and its angle from other coordinates of the links."""
-        for link, normal in self._across:
+        for link, normal, *_ in self._boxes:
             place = slice(link - 2, link)  # of the links that slide along x and y
             position[place] += normal * (normal @ (after[place] - position[place]))
             position[link] = after[link]
@@ -163,10 +141,10 @@ class Boxes:
         from pydrake.geometry import Sphere
         from pydrake.math import RigidTransform, RotationMatrix
 
-        for corners, (link, _) in zip(self._corners, self._across):
+        for link, _, _, corners, places in self._boxes:
             body, box = (RigidTransform(RotationMatrix.MakeZRotation(angle), (x, y, 0.0))
                          for x, y, angle in (start[link - 2:link + 1], position[link - 2:link + 1]))
-            for corner, place in corners:
+            for corner, place in zip(corners, places):
                 self._graph.ChangeShape(self._context, self._source, corner, Sphere(0.0),
                                         RigidTransform(body.inverse() @ box @ place))
         # of a shape that is changed Drake forgets what it does not touch
@@ -180,16 +158,16 @@ class Boxes:
             if coefficient != self._materials[i].kinetic:
                 self._materials[i] = replace(self._materials[i], static=coefficient, kinetic=coefficient)
                 material = self._materials[i].properties()
-                for shape in self._shapes[i]:
+                for shape in (*self._frictional[i].surfaces, *self._frictional[i].corners):
                     self._graph.AssignRole(self._context, self._source, shape, material, RoleAssign.kReplace)
 
     def forces(self, results: Any) -> tuple[list[float], list[float]]:
         """Per frictional guide: sums of the magnitudes of its contacts' normal and tangential forces (N)."""
-        normals, frictions = [0.0] * len(self._shapes), [0.0] * len(self._shapes)
+        normals, frictions = [0.0] * len(self._frictional), [0.0] * len(self._frictional)
         for k in range(results.num_point_pair_contacts()):
             contact = results.point_pair_contact_info(k)
             pair = contact.point_pair()
-            place = self._places.get(pair.id_A, self._places.get(pair.id_B))
+            place = self._number.get(pair.id_A, self._number.get(pair.id_B))
             if place is None:
                 continue
             nx, ny, _ = pair.nhat_BA_W

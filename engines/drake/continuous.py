@@ -21,18 +21,16 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.drake.contact import Boxes, Material
-from stiction.engines.drake.plant import Plant, centre, start_mass
+from stiction.engines.drake.plant import Plant, start_mass
 from stiction.engines.protocol import BadTrajectory, Engine, EngineFailure, Refused
 from stiction.engines.reference.engine import output_times
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.engine_clock import EngineClock
-from stiction.engines.shared.fixed_step import settings_of
+from stiction.engines.shared.fixed_step import columns_of_motion, settings_of
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.tree_engine import tree_of
-from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Cost, InputError, Scene, Trajectory
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 
@@ -63,16 +61,10 @@ _LEAST_MASS = 1e-9
 
 def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
                    output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-    """Integrate from t = 0 to t_end; arguments as `Engine.run` gets them.
+    """Integrate from t = 0 to t_end; arguments, errors as of `Engine.run`.
 
     Raises
     ------
-    InputError
-        For a step, joint fidelity, or a setting out of its range.
-    Refused
-        If the continuous plant cannot have the scene's loops or drives, or its start is off.
-    EngineFailure
-        If Drake gives up.
     BadTrajectory
         If static friction was lost, by too small a stiction tolerance for the steps and the loads.
     """
@@ -87,7 +79,7 @@ def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | No
     started, t, instant, samples = time.process_time(), output_times(t_end, output_step), 0.0, []
     over = min(options["longest_step"], np.diff(t).min() / 2)
     try:
-        simulation = _Simulation(scene, tree_of(scene, fidelity), options, rtol)
+        simulation = _Simulation(scene, LinkTree(scene, fidelity), options, rtol)
         setup_s, started = time.process_time() - started, time.process_time()
         simulation.clock.start()
         for instant in t:
@@ -99,26 +91,20 @@ def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | No
                             f"{rtol:g}") from error
     ended, engine_s = time.process_time(), simulation.clock.engine_s
     q, v, a, forces = (np.array(part) for part in zip(*samples))
-    known, bodies = dict[str, np.ndarray](), list(scene.bodies)
-    for (name, guide), normal in zip(scene.frictional_guides.items(), forces.T):
-        least = (
-            _BY_STEP
-            * guide.static_coefficient
-            * normal.max()
-            * options["longest_step"]
-            / scene.bodies[guide.slider].mass
-        )
+    bodies, modes, frictions = list(scene.bodies), np.zeros(forces.shape, dtype=np.int8), np.zeros(forces.shape)
+    for i, ((name, guide), normal) in enumerate(zip(scene.frictional_guides.items(), forces.T)):
+        least = (_BY_STEP * guide.static_coefficient * normal.max() * options["longest_step"]
+                 / scene.bodies[guide.slider].mass)
         if guide.static_coefficient > guide.kinetic_coefficient and options["stiction_tolerance"] < least:
             raise BadTrajectory(f"{engine.name}: stiction_tolerance: found {options['stiction_tolerance']:g}; expected "
                                 f"at least {least:.2g} m/s in joints.{name}, whose contacts are "
                                 f"loaded with up to {normal.max():.3g} N, with steps of up to "
                                 f"{options['longest_step']:g} s: below, static friction is lost")
         slip = v[:, 3 * bodies.index(guide.slider):][:, :2] @ direction_of(guide)
-        mode = np.where(np.abs(slip) < _STICKS * options["stiction_tolerance"], 0, np.sign(slip)).astype(np.int8)
-        friction = np.where(mode, -mode * guide.kinetic_coefficient * normal, np.nan)
-        known |= {f"{name}.mode": mode, f"{name}.friction": friction}
+        modes[:, i] = np.where(np.abs(slip) < _STICKS * options["stiction_tolerance"], 0, np.sign(slip))
+        frictions[:, i] = np.where(modes[:, i], -modes[:, i] * guide.kinetic_coefficient * normal, np.nan)
     return Trajectory(scene=scene.name, engine=engine.name, version=engine.version, fidelity=fidelity, t=t,
-                      columns=recover_columns(scene, t, q, v, a, known),
+                      columns=columns_of_motion(scene, t, q, v, a, modes, frictions),
                       settings={"rtol": rtol, "method": METHOD, **options, "friction_law": FRICTION_LAW},
                       cost=Cost(setup_s, 0.0, ended - started, {"steps": simulation.steps}, engine_s))
 
@@ -143,12 +129,7 @@ def _coefficients(mu: float, mus: float) -> tuple[float, float]:
 
 
 class _Simulation:
-    """A scene in Drake's simulator.
-
-    Attributes
-    ----------
-    clock : EngineClock
-    """
+    """A scene in Drake's simulator."""
 
     def __init__(self, scene: Scene, tree: LinkTree, options: Mapping[str, Any], accuracy: float):
         from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ContactModel
@@ -184,8 +165,7 @@ class _Simulation:
     def _land(self, boxes: Boxes, start: np.ndarray, velocity: np.ndarray, period: float) -> None:
         """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
 
-        A step of CENIC is tried some times, after each of which all is as before but how deep the bodies are; then the
-        bodies go back and the boxes stay.
+        After each trial step all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
         """
         from pydrake.systems.analysis import ResetIntegratorFromFlags
 
@@ -235,7 +215,7 @@ class _Simulation:
         balance.compile()
         for force, name in zip(forces, scene.bodies):
             link = tree.link_of[name]
-            force.body_index, force.p_BoBq_B = links.bodies[link].index(), centre(tree.links[link].point)
+            force.body_index, force.p_BoBq_B = links.bodies[link].index(), tree.centre(link)
 
         def evaluate(context: Any, output: Any) -> None:
             position, velocity = links.ordered(system.get_input_port().Eval(context))

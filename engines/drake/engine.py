@@ -4,17 +4,14 @@ Discrete steps by its convex solver SAP ("lagged"), semi-implicit Euler.
 
 Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints;
 joints that close loops are ball constraints. Drake has no Coulomb friction of joints. Its actuators have a servo,
-solved for implicitly with the step, and an effort limit: friction is a servo at rest with the limit at the bound of
-`stiction.engines.shared.friction_cap`, a drive one without limit at the rate of its law, constant or such that each
-step ends on the law. Which joints can be driven is said in `stiction.engines.shared.joint_coordinates`. Drake limits a
-servo's gain: a sticking slider creeps with 1/3948 of the speed that its load would give it in a step. Springs, dampers,
-forces and torques are evaluated by the adapter and applied to the bodies.
+solved for implicitly with the step, and an effort limit: friction is a servo at rest with the limit at the bound, a
+drive one without limit. Drake limits a servo's gain: a sticking slider creeps with 1/3948 of the speed that its load
+would give it in a step.
 
-Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`); normal forces and
-friction are the engine's contacts. Each slider has coordinates of its own, so that those of other bodies do not press
-it into its guide by what a step leaves of their curvature; pins that tie it to another slider's branch close loops. The
-static coefficient is the adapter's: before each step a guide gets mus if its slider stuck or is about to reverse, mu
-otherwise. The continuous plant: `stiction.engines.drake.continuous`.
+Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`). Each slider has
+coordinates of its own, so that those of other bodies do not press it into its guide by what a step leaves of their
+curvature; pins that tie it to another slider's branch close loops. The continuous plant:
+`stiction.engines.drake.continuous`.
 """
 
 from __future__ import annotations
@@ -30,17 +27,18 @@ import numpy as np
 
 from stiction.engines.drake.contact import Boxes, Material, corner_inertias
 from stiction.engines.drake.continuous import METHOD, run_continuous
-from stiction.engines.drake.plant import Plant, centre, start_mass
+from stiction.engines.drake.plant import Plant, start_mass
 from stiction.engines.protocol import accepted, installed_version
-from stiction.engines.shared.contact_friction import ContactFriction
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, motor_link
-from stiction.engines.shared.link_tree import LinkTree
+from stiction.engines.shared.acceleration_integrator import TreeAccelerations
+from stiction.engines.shared.fixed_step import Defaults
+from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper, motor_link
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene, Trajectory
 
-_JOINT_SETTINGS = {"passes": 2}
-_CONTACT_SETTINGS = {"approximation": ("lagged", "similar", "sap"), "near_rigid": 2.0, "dissipation": 0.0,
-                     "stiction_tolerance": 1e-7}
+_SETTINGS: Mapping[str, Defaults] = {
+    "joint": {"passes": 2},
+    "contact": {"approximation": ("lagged", "similar", "sap"), "near_rigid": 2.0, "dissipation": 0.0,
+                "stiction_tolerance": 1e-7}}
 _GAIN = 1e6
 """Of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of its
 servos' constraint)."""
@@ -56,9 +54,6 @@ that bound shapes."""
 _LANDING = 16
 """Attempts at the first step in which boxes sink into their surfaces: what is missing of a load falls to a tenth in
 each, at the default stiffness."""
-_SETTLING = 16
-"""Steps in which the joints that close loops settle at the position error they keep. Without loops it is one, in which
-servos settle at the speed error that their load leaves."""
 
 
 class DrakeEngine(TreeEngine):
@@ -74,8 +69,7 @@ class DrakeEngine(TreeEngine):
     `stiction_tolerance`, `longest_step` (s).
     """
 
-    name, called = "drake", "Drake"
-    defaults = {"joint": _JOINT_SETTINGS, "contact": _CONTACT_SETTINGS}
+    name, called, defaults = "drake", "Drake", _SETTINGS
 
     @property
     def version(self) -> str:
@@ -94,62 +88,60 @@ class DrakeEngine(TreeEngine):
             return run_continuous(self, scene, **asked)
         return super().run(scene, **asked)
 
-    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any],
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any],
                 fidelity: str) -> AbstractContextManager[TreeStepper]:
-        return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options))
+        return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options))
 
-    def accelerations(self, scene: Scene, tree: LinkTree) -> AbstractContextManager[TreeAccelerations]:
-        return nullcontext(_Accelerations(scene, tree))
+    def accelerations(self, scene: Scene) -> AbstractContextManager[TreeAccelerations]:
+        return nullcontext(_Accelerations(scene))
 
 
 class _DrakeStepper(TreeStepper):
-    """A scene as discrete plant with drives and loads; subclasses add friction."""
+    """A scene as discrete plant with drives and loads; subclasses add friction and the `_output` that they read."""
 
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, passes: int = 1, *, capped: bool):
+    _output: Any
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         from pydrake.multibody.math import SpatialForce
         from pydrake.multibody.plant import ExternallyAppliedSpatialForce
         from pydrake.multibody.tree import default_model_instance
 
-        super().__init__(scene, h, tree, passes, capped)
+        super().__init__(scene, h, options)
+        tree, self._options = self.tree, options
         self._force, self._links = SpatialForce, Plant(scene, tree, h)
         self._plant = plant = self._links.plant
         plant.SetUseSampledOutputPorts(False)
         for name in tree.loops:
             pin = scene.pins[name]
-            sides = [self._side(tree, body, point) for body, point in zip(pin.bodies, pin.points)]
-            plant.AddBallConstraint(*sides[0], *sides[1])
+            (first, p), (second, q) = (self._side(body, point) for body, point in zip(pin.bodies, pin.points))
+            plant.AddBallConstraint(first, p, second, q)
         self._mass = start_mass(scene, tree)
         driven = [motor_link(scene, tree, drive)[0] for drive in scene.drives.values()]
         self._servos = {link: place for place, link in enumerate([*self.friction_links, *driven])}
-        self._brakes = [self._add_servo(link, _GAIN * float(self._mass[link, link]) / h)
-                        for link in self._servos][:len(self.friction_links)]
+        servos = [self._add_servo(link, _GAIN * float(self._mass[link, link]) / h) for link in self._servos]
+        self._brakes = servos[:len(self.friction_links)]
         self._links.finalize(self._surround(scene))
         self._context = self._links.context
         self._wished = np.zeros((2, len(self._servos)))
         plant.get_actuation_input_port().FixValue(self._context, self._wished[0])
-        self._given = plant.get_desired_state_input_port(default_model_instance()).FixValue(
-            self._context, self._wished.reshape(-1)
-        )
+        self._given = plant.get_desired_state_input_port(default_model_instance()).FixValue(self._context,
+                                                                                            self._wished.reshape(-1))
         self._applied = [ExternallyAppliedSpatialForce() for _ in scene.bodies] if self.loaded else []
         for force, name in zip(self._applied, scene.bodies):
             link = tree.link_of[name]
-            force.body_index, force.p_BoBq_B = self._links.bodies[link].index(), centre(tree.links[link].point)
+            force.body_index, force.p_BoBq_B = self._links.bodies[link].index(), tree.centre(link)
         self._pushed = plant.get_applied_spatial_force_input_port().FixValue(self._context, self._applied)
-        self._links.put(self.position, self.velocity)
-        self.add_drives(scene)
-        self.settling = _SETTLING if tree.loops else 1
+        self.put(self.position, self.velocity)
+        self.settling = self.settling or 1  # in which servos settle at the speed error that their load leaves
 
     @abstractmethod
     def _surround(self, scene: Scene) -> Any:
         """Add to the plant before it is finalized; returns the builder of its diagram, or None for a plant alone."""
 
-    def _side(self, tree: LinkTree, body: str, point: tuple[float, float]) -> tuple[Any, np.ndarray]:
-        link = tree.link_of[body]
-        return (
-            (self._links.bodies[link], centre(tree.links[link].point) + (*point, 0.0))
-            if link >= 0
-            else (self._plant.world_body(), np.array((*point, 0.0)))
-        )
+    def _side(self, body: str, point: tuple[float, float]) -> tuple[Any, np.ndarray]:
+        place, link = np.array((*point, 0.0)), self.tree.link_of[body]
+        return (self._plant.world_body(), place) if link < 0 else (self._links.bodies[link],
+                                                                   self.tree.centre(link) + place)
 
     def _add_servo(self, link: int, gain: float) -> Any:
         from pydrake.multibody.tree import PdControllerGains
@@ -162,33 +154,36 @@ class _DrakeStepper(TreeStepper):
         self._wished[1, self._servos[link]] = rate
         self._given.GetMutableData().get_mutable_value().SetFromVector(self._wished.reshape(-1))
 
-    def _push(self) -> None:
-        loads = self.loads.tolist()
-        for i, force in enumerate(self._applied):
-            fx, fy, torque = loads[3 * i:3 * i + 3]
-            force.F_Bq_W = self._force((0.0, 0.0, torque), (fx, fy, 0.0))
-        self._pushed.GetMutableData().set_value(self._applied)
+    def advance(self, caps: Sequence[float]) -> None:
+        if self.loaded:
+            loads = self.loads.tolist()
+            for i, force in enumerate(self._applied):
+                fx, fy, torque = loads[3 * i:3 * i + 3]
+                force.F_Bq_W = self._force((0.0, 0.0, torque), (fx, fy, 0.0))
+            self._pushed.GetMutableData().set_value(self._applied)
+        self._values = self.clock.call(self._step)
+        self.position[:], self.velocity[:] = self._links.state()
 
-    def _step(self, output: Any) -> Any:
-        """The engine's step; returns this output of the plant in it."""
+    def _step(self) -> Any:
+        """The engine's step; returns the plant's output in it."""
         try:
             after = self._plant.EvalUniquePeriodicDiscreteUpdate(self._context)
         except RuntimeError as error:  # Drake's word for a state that is not finite any more
             raise FloatingPointError(str(error).partition(". ")[0]) from error
-        values = output.Eval(self._context)
+        values = self._output.Eval(self._context)
         self._context.SetDiscreteState(after)
         return values
 
-    def retreat(self) -> None:
-        self._links.put(*self.start)
+    def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        self._links.put(position, velocity)
 
 
 class _JointStepper(_DrakeStepper):
     """Guides as prismatic joints, friction as their limited servos."""
 
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any]):
-        super().__init__(scene, tree, h, options["passes"], capped=True)
-        self._effort = self._plant.get_net_actuation_output_port()
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+        super().__init__(scene, h, options)
+        self._output = self._plant.get_net_actuation_output_port()
 
     def _surround(self, scene: Scene) -> None:
         from pydrake.multibody.plant import DiscreteContactApproximation
@@ -198,25 +193,19 @@ class _JointStepper(_DrakeStepper):
     def advance(self, caps: Sequence[float]) -> None:
         for brake, cap in zip(self._brakes, caps):
             brake.set_effort_limit(max(cap, _LEAST))
-        if self.loaded:
-            self._push()
-        effort = self.clock.call(self._step, self._effort)
-        self.position[:], self.velocity[:] = self._links.state()
-        self.held[:] = np.abs(effort[:len(self._brakes)])
+        super().advance(caps)
+        self.held[:] = np.abs(self._values[:len(self._brakes)])
 
 
-class _ContactStepper(_DrakeStepper):
+class _ContactStepper(ContactStepper, _DrakeStepper):
     """Sliders as boxes whose corners touch the guide's surfaces."""
 
-    friction: ContactFriction
-
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any]):
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         for name in ("near_rigid", "stiction_tolerance"):
             if not options[name] > 0:
                 raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
-        self._options = options
-        super().__init__(scene, tree, h, capped=False)
-        self._results = self._plant.get_contact_results_output_port()
+        super().__init__(scene, h, options)
+        self._output = self._plant.get_contact_results_output_port()
         self._normals = [0.0] * len(scene.frictional_guides)
 
     def _surround(self, scene: Scene) -> Any:
@@ -227,9 +216,8 @@ class _ContactStepper(_DrakeStepper):
         plant, graph = AddMultibodyPlantSceneGraph(builder, self._plant)
         plant.set_contact_model(ContactModel.kPoint)
         plant.set_stiction_tolerance(options["stiction_tolerance"])
-        plant.set_discrete_contact_approximation(
-            DiscreteContactApproximation.__members__[f"k{options['approximation'].capitalize()}"]
-        )
+        approximation = DiscreteContactApproximation.__members__[f"k{options['approximation'].capitalize()}"]
+        plant.set_discrete_contact_approximation(approximation)
         rate = 2 * math.pi / (options["near_rigid"] * self.h)
         driven = [motor_link(scene, self.tree, drive)[0] for drive in scene.drives.values()]
         materials = [Material(rate ** 2 * inertia, 0.0, 0.0, options["dissipation"], relaxation_time=self.h)
@@ -246,12 +234,11 @@ class _ContactStepper(_DrakeStepper):
     def _land(self) -> None:
         """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
 
-        A first step is tried some times, after each of which all is as before but how deep the bodies are; then the
-        bodies go back and the boxes stay. The frictions of the steps before are forgotten: a slider that its surfaces
-        do not carry yet slips, and would begin with the kinetic coefficient.
+        After each trial step all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
+        Frictions of these steps are forgotten: a slider that its surfaces do not carry yet slips, and would begin with
+        the kinetic coefficient.
         """
-        start, velocity = self.position.copy(), self.velocity.copy()
-        position = start.copy()
+        start, position, velocity = self.position.copy(), self.position.copy(), self.velocity.copy()
         for _ in range(_LANDING):
             self.step()
             self._boxes.sink(position, self.position)
@@ -262,32 +249,27 @@ class _ContactStepper(_DrakeStepper):
     def _begin_again(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self._k = 0
         self.position[:], self.velocity[:] = position, velocity
-        self._links.put(position, velocity)
+        self.put(position, velocity)
         self.friction.forget(position, velocity)
         self.begin()
 
-    def advance(self, caps: Sequence[float]) -> None:
-        coefficients = self.friction.coefficients()
+    def rub(self, coefficients: Sequence[float]) -> None:
         self._boxes.rub(coefficients)
-        if self.loaded:
-            self._push()
-        results = self.clock.call(self._step, self._results)
-        self.position[:], self.velocity[:] = self._links.state()
-        if coefficients:
-            normals, frictions = self._boxes.forces(results)
-            bounds = [coefficient * normal for coefficient, normal in zip(coefficients, self._normals)]
-            frictions = [max(friction, bound) if friction > _SLIPS * bound else friction
-                         for friction, bound in zip(frictions, bounds)]
-            self.friction.observe_contacts(self.position, self.velocity, coefficients, self._normals, frictions)
-            self._normals = normals
+
+    def contact_forces(self) -> tuple[list[float], list[float]]:
+        before = self._normals
+        self._normals, frictions = self._boxes.forces(self._values)
+        bounds = [coefficient * normal for coefficient, normal in zip(self.friction.coefficients(), before)]
+        return before, [max(friction, bound) if friction > _SLIPS * bound else friction
+                        for friction, bound in zip(frictions, bounds)]
 
 
 class _Accelerations(TreeAccelerations):
     """Drake's mass matrix and bias forces."""
 
-    def __init__(self, scene: Scene, tree: LinkTree):
-        super().__init__(scene, tree)
-        self._links = Plant(scene, tree, 0.0)
+    def __init__(self, scene: Scene):
+        super().__init__(scene)
+        self._links = Plant(scene, self._tree, 0.0)
         self._links.finalize()
 
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,8 +16,6 @@ class Plant:
 
     Parameters
     ----------
-    scene : Scene
-    tree : LinkTree
     time_step : float
         Seconds; 0 for a continuous plant.
     least_mass : float
@@ -25,9 +23,8 @@ class Plant:
 
     Attributes
     ----------
-    plant : MultibodyPlant
-    bodies, joints : list
-        Drake's, of each link and to its parent.
+    plant, bodies, joints
+        Drake's plant, its body of each link and the joint to its parent.
     system, root, context
         Drake's diagram (or the plant alone), its context and the plant's, once it is finalized.
     """
@@ -44,33 +41,24 @@ class Plant:
         self.joints: list[Any] = []
         for i, link in enumerate(tree.links):
             if link.body is None:
-                inertia = (
-                    SpatialInertia.MakeFromCentralInertia(least_mass, np.zeros(3), RotationalInertia(0.0, 0.0, 0.0))
-                    if least_mass
-                    else SpatialInertia.Zero()
-                )
+                inertia = SpatialInertia.Zero()
+                if least_mass:
+                    inertia = SpatialInertia.MakeFromCentralInertia(least_mass, np.zeros(3),
+                                                                    RotationalInertia(0.0, 0.0, 0.0))
             else:
                 data = scene.bodies[link.body]
-                inertia = SpatialInertia.MakeFromCentralInertia(data.mass, centre(link.point),
+                inertia = SpatialInertia.MakeFromCentralInertia(data.mass, tree.centre(i),
                                                                 RotationalInertia(*[data.inertia] * 3))
             body = plant.AddRigidBody(f"link-{i}", inertia)
-            parent, origin = (self.bodies[link.parent],
-                              tree.links[link.parent].point) if link.parent >= 0 else (plant.world_body(), (0.0, 0.0))
-            place = (link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0)
+            parent = self.bodies[link.parent] if link.parent >= 0 else plant.world_body()
             frame = plant.AddFrame(FixedOffsetFrame(f"parent-{i}", parent.body_frame(),
-                                                    RigidTransform(RollPitchYaw(0.0, 0.0, link.angle), place)))
+                                                    RigidTransform(RollPitchYaw(0.0, 0.0, link.angle), tree.place(i))))
             kind, axis = (PrismaticJoint, (*link.axis, 0.0)) if link.slides else (RevoluteJoint, (0.0, 0.0, 1.0))
             self.joints.append(plant.AddJoint(kind(f"joint-{i}", frame, body.body_frame(), axis)))
             self.bodies.append(body)
 
     def finalize(self, builder: Any = None) -> None:
-        """End the model and make its context; before, the plant may be added to, and nothing of it be computed.
-
-        Parameters
-        ----------
-        builder : DiagramBuilder
-            Which the plant is part of; none of a plant alone.
-        """
+        """End the model, alone or part of a diagram's `builder`, and make its context; nothing is computed before."""
         if not self.plant.is_finalized():
             self.plant.Finalize()
         self._order = np.array([joint.velocity_start() for joint in self.joints], dtype=int)
@@ -99,11 +87,6 @@ class Plant:
         mass = self.plant.CalcMassMatrix(self.context)
         bias = self.plant.CalcBiasTerm(self.context) - self.plant.CalcGravityGeneralizedForces(self.context)
         return mass[np.ix_(self._order, self._order)], bias[self._order]
-
-
-def centre(point: tuple[float, float]) -> np.ndarray:
-    """A link's centre of mass in the link's frame, whose origin is the joint's point."""
-    return np.array([-point[0], -point[1], 0.0])
 
 
 def start_mass(scene: Scene, tree: LinkTree) -> np.ndarray:

@@ -14,6 +14,7 @@ in all hard cases but one; at less Newton's method gives up more often.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import copysign
 
 import numpy as np
@@ -44,22 +45,15 @@ class BristleGuide(SlidingGuide):
     ----------
     model : Model
         Not yet assembled.
-    name : str
-        Of the guide.
-    joint : Translational
-        With friction.
+    name, joint : str, Translational
+        Of the guide, which has friction.
     stiffness, damping : float
         Of the bristles, N/m and N s/m.
     decay : float
         v_s, the speed at which 37 % of the static excess F_s are left, over the change of the slip speed that F_s makes
-        in a step.
+        in a step. As attribute: v_s over F_s, m/(N s).
     step : float
         s.
-
-    Attributes
-    ----------
-    decay : float
-        v_s over F_s, m/(N s).
     """
 
     def __init__(self, model: Model, name: str, joint: Translational, stiffness: float, damping: float, decay: float,
@@ -106,11 +100,15 @@ class BristleGuide(SlidingGuide):
         return mode, friction, self.surface_moment
 
 
-def moved_mass(scene: Scene, name: str) -> float:
-    """Return the mass (kg) that slip of a guide moves at the start, with what the constraints have follow.
+def bristle_guides(model: Model, options: Mapping[str, float], step: float) -> list[BristleGuide]:
+    """Give a model bristles in each guide with friction, by the settings of ``method="bristles"`` and the step, s."""
+    return [BristleGuide(model, name, guide, options["bristle_stiffness"], options["bristle_damping"],
+                         options["static_decay"], step)
+            for name, guide in model.scene.frictional_guides.items() if guide.static_coefficient]
 
-    The slider's alone where they let it not slip.
-    """
+
+def moved_mass(scene: Scene, name: str) -> float:
+    """Return the mass (kg) that slip moves at the start, constraints included; where they hold it, the slider's."""
     mechanism = Mechanism(scene, stabilization="none")
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     row_form(m, w, 0.0, *mechanism.initial_state())

@@ -28,10 +28,8 @@ class ContactGuide:
     ----------
     model : Model
         Not yet assembled.
-    name : str
-        Of the guide.
-    joint : Translational
-        With length, width > 0 and at most one coefficient of friction.
+    name, joint : str, Translational
+        Of the guide, with length, width > 0 and at most one coefficient of friction.
     stiffness, damping : float
         Of each contact, N/m and N s/m.
     friction_zone : float

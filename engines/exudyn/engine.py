@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import io
-import math
 import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide
+from stiction.engines.exudyn.bristles import FRICTION_LAW, bristle_guides
 from stiction.engines.exudyn.contact import ContactGuide
 from stiction.engines.exudyn.friction import FrictionalGuide, SlidingGuide
 from stiction.engines.exudyn.model import Model
@@ -122,9 +120,6 @@ class ExudynEngine(Engine):
         options = settings_of(settings, {**_CHOICES[fidelity], **numbers}, self.name, fidelity)
         if options["spectral_radius"] > 1:
             raise InputError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
-        for key, value in (("t_end", t_end), ("output_step", output_step)):
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f"{key}: found {value!r}; expected seconds, > 0")
         start = time.process_time()
         refuse_off(scene)
         with _own_words():
@@ -153,14 +148,12 @@ class ExudynEngine(Engine):
                       else "EXUdense",
                       **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]}
                          if scene.frictional_guides else {})},
-            cost=Cost(started - start, 0.0, ended - started, asdict(stepper.counters), engine_s),
+            cost=Cost(started - start, 0.0, ended - started, stepper.counters, engine_s),
             termination="end" if stop is None else stop.reason, breakdown=stop)
 
 
 def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
-    """The model as a script for Exudyn, with the adapter's default step and settings.
-
-    See `stiction.engines.exudyn.script`.
+    """The model as a script for Exudyn, with the adapter's default step and settings; see `exudyn_script`.
 
     Parameters
     ----------
@@ -186,43 +179,37 @@ def _step(t_end: float) -> float:
 class _Simulation:
     """A scene in Exudyn, ready to step; columns from samples."""
 
-    scene: Scene
-    model: Model
     stepper: Stepper
+
+    def __init__(self, scene: Scene, joints: bool = True):
+        self.scene, self.model = scene, Model(scene, joints)
 
     def columns(self, samples: list[Sample]) -> dict[str, np.ndarray]:
         """All columns of a trajectory; reactions are Exudyn's multipliers and forces."""
         t, q, v, a, multipliers = (np.array([getattr(sample, name) for sample in samples])
                                    for name in ("t", "q", "v", "a", "multipliers"))
-        reactions = {**self.model.reactions(multipliers), **self._guides(samples, q)}
+        reactions = self.model.reactions(multipliers)
+        reactions |= self._guides(samples, q, reactions)
         return {**recover_columns(self.scene, t, q, v, a, reactions), **reactions}
 
-    def _guides(self, samples: list[Sample], q: np.ndarray) -> dict[str, np.ndarray]:
+    def _guides(self, samples: list[Sample], q: np.ndarray, joints: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         raise NotImplementedError
 
 
 class _Joints(_Simulation):
-    _frictional: Sequence[SlidingGuide]
-
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        self.scene = scene
-        guides: list[FrictionalGuide] = []
-
-        def add_friction(model: Model) -> None:
-            guides.extend(FrictionalGuide(model, name, guide) for name, guide in scene.frictional_guides.items()
-                          if guide.static_coefficient > 0)
-
-        self.model = Model(scene, extend=add_friction)
+        super().__init__(scene)
+        guides = [FrictionalGuide(self.model, name, guide) for name, guide in scene.frictional_guides.items()
+                  if guide.static_coefficient > 0]
+        self._frictional: Sequence[SlidingGuide] = guides
+        self.model.assemble()
         settings = _solver_settings(self.model, h, options)
         # a Jacobian of the step, where its solution is repeated for the friction; else one from before costs less
         settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(guides)
         self.stepper = Stepper(self.model, guides, h, settings)
-        self._frictional = guides
 
-    def _guides(self, samples: list[Sample], q: np.ndarray) -> dict[str, np.ndarray]:
+    def _guides(self, samples: list[Sample], q: np.ndarray, joints: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         columns = {}
-        multipliers = np.array([sample.multipliers for sample in samples])
-        joints = self.model.reactions(multipliers)
         for i, guide in enumerate(self._frictional):
             modes, friction, surface_moments = np.array([sample.guides[i] for sample in samples]).T
             columns[f"{guide.name}.mode"] = modes.astype(np.int8)
@@ -235,15 +222,9 @@ class _Bristles(_Joints):
     """Joints with Exudyn's own friction."""
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        self.scene = scene
-        guides: list[BristleGuide] = []
-
-        def add_bristles(model: Model) -> None:
-            guides.extend(BristleGuide(model, name, guide, options["bristle_stiffness"], options["bristle_damping"],
-                                       options["static_decay"], h)
-                          for name, guide in scene.frictional_guides.items() if guide.mu or guide.static_coefficient)
-
-        self.model = Model(scene, extend=add_bristles)
+        _Simulation.__init__(self, scene)
+        self._frictional = guides = bristle_guides(self.model, options, h)
+        self.model.assemble()
         for guide in guides:
             guide.bind(self.model)
 
@@ -251,22 +232,17 @@ class _Bristles(_Joints):
             for guide in guides:
                 guide.renew(multipliers)
 
-        self._frictional = guides
         self.stepper = Stepper(self.model, [], h, _solver_settings(self.model, h, options),
                                record=lambda: [guide.record() for guide in guides], before_step=renew)
 
 
 class _Contacts(_Simulation):
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        self.scene = scene
+        super().__init__(scene, joints=False)
         self._zone = options["friction_zone"]
-        self._boxes: list[ContactGuide] = []
-
-        def add_boxes(model: Model) -> None:
-            self._boxes += [ContactGuide(model, name, guide, options["contact_stiffness"], options["contact_damping"],
-                                         options["friction_zone"]) for name, guide in scene.guides.items()]
-
-        self.model = Model(scene, joints=False, extend=add_boxes)
+        self._boxes = [ContactGuide(self.model, name, guide, options["contact_stiffness"], options["contact_damping"],
+                                    self._zone) for name, guide in scene.guides.items()]
+        self.model.assemble()
         settings = _solver_settings(self.model, h, options)
         settings.timeIntegration.adaptiveStep = True
         settings.timeIntegration.minimumStepSize = _SHORTEST
@@ -282,7 +258,7 @@ class _Contacts(_Simulation):
             columns[f"{name}.mode"] = np.where(np.abs(speed) < self._zone, 0, np.sign(speed)).astype(np.int8)
         return columns
 
-    def _guides(self, samples: list[Sample], q: np.ndarray) -> dict[str, np.ndarray]:
+    def _guides(self, samples: list[Sample], q: np.ndarray, joints: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         columns: dict[str, np.ndarray] = {}
         for i, box in enumerate(self._boxes):
             columns |= box.columns(np.array([sample.guides[i] for sample in samples]), q)
@@ -290,13 +266,7 @@ class _Contacts(_Simulation):
 
 
 def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
-    """Exudyn's settings.
-
-    Raises
-    ------
-    Refused
-        If the integrator is an explicit one.
-    """
+    """Return Exudyn's settings; Refused if the integrator is an explicit one."""
     import exudyn
 
     settings = exudyn.SimulationSettings()

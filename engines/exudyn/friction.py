@@ -52,16 +52,11 @@ class SlidingGuide:
         return R
 
     def apply_surface_moment(self, friction: float, R: float) -> float:
-        """Load the surfaces' moment of a friction, with the normal force R, both in N.
-
-        Returns how much it has changed, N m.
-        """
+        """Load the surfaces' moment of a friction, with the normal force R (N); returns its change (N m)."""
         if not self.moments:
             return 0.0
-        before, self.surface_moment = (
-            self.surface_moment,
-            self.half_width * friction / self.load * R if self.load else 0.0,
-        )
+        before = self.surface_moment
+        self.surface_moment = self.half_width * friction / self.load * R if self.load else 0.0
         for load, sign in self.moments:
             self.system.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * self.surface_moment])
         return abs(self.surface_moment - before)
@@ -104,13 +99,11 @@ class FrictionalGuide(SlidingGuide):
         super().bind(model)
         (self.hold_row,) = model.multipliers(self._connector)
 
-    def switch(self, mode: int, q: np.ndarray | None = None) -> None:
+    def switch(self, mode: int, q: np.ndarray) -> None:
         """Slip against (-1) or along (1) the direction, or stick (0) at the place that q gives."""
         self.mode = mode
         self.system.SetObjectParameter(self._connector, "activeConnector", mode == 0)
         if mode == 0:
-            if q is None:
-                raise ValueError("q: found none; expected the place at which the guide sticks")
             self.system.SetObjectParameter(self._connector, "offset", self.displacement(q))
             self._apply(0.0)
 

@@ -21,41 +21,40 @@ from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Torsiona
 
 
 class Model:
-    """An Exudyn system of a scene, assembled; states as in the scene: x, y, angle per body.
+    """An Exudyn system of a scene, to be assembled; states as in the scene: x, y, angle per body.
 
     Parameters
     ----------
     scene : Scene
     joints : bool
         Whether translational joints become prismatic joints (else the caller adds what guides the sliders).
-    extend : callable, optional
-        Called with this model before the system is assembled, to add items.
 
     Attributes
     ----------
     system : exudyn.MainSystem
     rows : dict of str to list of int
-        By joint or drive: the indices of its multipliers among the algebraic coordinates.
+        By joint or drive: the indices of its multipliers among the algebraic coordinates; once it is assembled.
     """
 
-    def __init__(self, scene: Scene, joints: bool = True, extend: Callable[[Model], None] | None = None):
+    def __init__(self, scene: Scene, joints: bool = True):
         self.scene = scene
         self._open()
         self.index = {name: i for i, name in enumerate(scene.bodies)}
         self.nodes = {GROUND: self.system.AddNode(self.items.NodePointGround(name=GROUND))}
         self.bodies = {GROUND: self.system.AddObject(self.items.ObjectGround(name=GROUND))}
         self._add_bodies()
-        constraints = {name: self._joint(name, joint) for name, joint in scene.joints.items()
-                       if joints or isinstance(joint, Revolute)}
-        constraints |= {name: self._drive(name, drive) for name, drive in scene.drives.items()}
+        self._constraints = {name: self._joint(name, joint) for name, joint in scene.joints.items()
+                             if joints or isinstance(joint, Revolute)}
+        self._constraints |= {name: self._drive(name, drive) for name, drive in scene.drives.items()}
         for name, spring in scene.springs.items():
             self._spring(name, spring)
         for name, load in scene.forces.items():
             self._load(name, load)
-        if extend is not None:
-            extend(self)
+
+    def assemble(self) -> None:
+        """End the system, to which nothing is added from now on."""
         self.system.Assemble()
-        self.rows = {name: self.multipliers(number) for name, number in constraints.items()}
+        self.rows = {name: self.multipliers(number) for name, number in self._constraints.items()}
 
     def _open(self) -> None:
         """An empty system, and the items to add to it."""
@@ -226,19 +225,13 @@ class Model:
                                           loadVectorUserFunction=function))
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> Any:
-        """The law (or its rate) of an element of the scene as a user function.
-
-        Compiled by Exudyn, or in Python for tables.
-        """
+        """The law (or its rate) as a user function, compiled by Exudyn, or in Python for tables."""
         from exudyn.utilities import CreateSymbolicUserFunction
 
-        vector = name == "loadVectorUserFunction"
-        if isinstance(law, (Constant, Linear, Sine)):
-            def value(t: Any) -> Any:
-                return self._expression(law, t, derivative)
-        else:
-            def value(t: Any) -> Any:
-                return evaluate_law(law, t)[derivative]
+        symbolic = isinstance(law, (Constant, Linear, Sine))
+
+        def value(t: Any) -> Any:
+            return self._expression(law, t, derivative) if symbolic else evaluate_law(law, t)[derivative]
 
         def of_load(system: Any, t: Any, load: Any) -> list[Any]:
             return [value(t) * load[0], value(t) * load[1], value(t) * load[2]]
@@ -246,14 +239,14 @@ class Model:
         def of_item(system: Any, t: Any, item: Any, offset: Any) -> Any:
             return value(t)
 
-        function: Callable[..., Any] = of_load if vector else of_item
-        if not isinstance(law, (Constant, Linear, Sine)):
+        function: Callable[..., Any] = of_load if name == "loadVectorUserFunction" else of_item
+        if not symbolic:
             return function
         function = CreateSymbolicUserFunction(self.system, function, name, itemTypeName=item)
         self._functions.append(function)
         return function
 
-    def _expression(self, law: Constant | Linear | Sine, t: Any, derivative: int) -> Any:
+    def _expression(self, law: Any, t: Any, derivative: int) -> Any:
         """The law (derivative 0) or its rate (1) in Exudyn's symbols."""
         symbols = self._symbolic
         if isinstance(law, Constant):

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.exudyn.bristles import LEAST, BristleGuide
+from stiction.engines.exudyn.bristles import LEAST, bristle_guides
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.solver import INTEGRATORS
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS
@@ -106,10 +106,8 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
     ----------
     dt, t_end : float
         Step and end, seconds; where t_end is no multiple, all steps are a little shorter.
-    integrator : str
-        Of `stiction.engines.exudyn.solver.INTEGRATORS`.
-    options : mapping
-        Settings of the adapter's ``method="bristles"``, all of them.
+    integrator, options : str, mapping
+        Of `INTEGRATORS`, and all settings of the adapter's ``method="bristles"``.
     named : str
         The scene as a command line has it.
 
@@ -118,21 +116,15 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
     Refused
         If the scene has a law by table, or a drive or a spring that Exudyn has no item for.
     """
-    guides: list[BristleGuide] = []
-
-    def add_bristles(model: Model) -> None:
-        guides.extend(BristleGuide(model, name, joint, options["bristle_stiffness"], options["bristle_damping"],
-                                   options["static_decay"], dt)
-                      for name, joint in scene.frictional_guides.items() if joint.static_coefficient)
-
-    model = _Written(scene, extend=add_bristles)
+    model = _Written(scene)
+    guides = bristle_guides(model, options, dt)
+    model.assemble()
     redundant = rank(scene) < constraint_rows(scene)
-    rows = [_text((model.objects[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient, guide.mus
-                   - guide.coefficient, guide.decay, guide.lever,
-                   guide.half_width)) for guide in guides]
+    rows = [_text((model.objects[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient,
+                   guide.mus - guide.coefficient, guide.decay, guide.lever, guide.half_width)) for guide in guides]
     newmark, index_2 = INTEGRATORS[integrator]
-    nodes, items = [(name, model.nodes[name]) for name in scene.bodies], re.sub(r"\n{4,}", "\n\n\n",
-                                                                                "\n".join(model.system.lines))
+    nodes = [(name, model.nodes[name]) for name in scene.bodies]
+    items = re.sub(r"\n{4,}", "\n\n\n", "\n".join(model.system.lines))
     return _SCRIPT.format(
         title=scene.title, name=scene.name, scene=named, options=" --setting method=bristles" if guides else "",
         imported=textwrap.fill(", ".join(sorted(model.items.used)), 140, initial_indent=" " * 4,
@@ -144,6 +136,9 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
         nodes=_text(tuple(nodes)), **{key: options[key] for key in ("spectral_radius", "newton_tolerance")})
 
 
+_NO_ITEM = "{}: Exudyn has no item for it, and the adapter's function is not written as a script"
+
+
 class _Name(str):
     """A variable of the script."""
 
@@ -151,13 +146,7 @@ class _Name(str):
 
 
 class _Items:
-    """In the place of `exudyn.itemInterface`: any item, with what it is made of.
-
-    Attributes
-    ----------
-    used : set of str
-        The items that were asked for.
-    """
+    """In the place of `exudyn.itemInterface`: any item, with what it is made of; `used` are those asked for."""
 
     def __init__(self) -> None:
         self.used: set[str] = set()
@@ -168,12 +157,7 @@ class _Items:
 
 
 class _System:
-    """In the place of Exudyn's system: what is added becomes a line, and its number a variable.
-
-    Attributes
-    ----------
-    lines : list of str
-    """
+    """In the place of Exudyn's system: what is added becomes one of `lines`, and its number a variable."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -204,13 +188,7 @@ class _System:
 
 
 class _Written(Model):
-    """The adapter's model as lines of a script.
-
-    Attributes
-    ----------
-    objects : dict of str to str
-        By joint the variable of its object.
-    """
+    """The adapter's model as lines of a script; by joint the variable of its object."""
 
     def _open(self) -> None:
         self.items, self.system = _Items(), _System()
@@ -226,19 +204,17 @@ class _Written(Model):
         return made
 
     def _general_drive(self, name: str, drive: Drive) -> Any:
-        raise Refused(f"drives.{name}: Exudyn has no item for it, and the adapter's function is not written as a "
-                      "script")
+        raise Refused(_NO_ITEM.format(f"drives.{name}"))
 
     def _spring_along_moving_axis(self, name: str, spring: LinearSpring) -> None:
-        raise Refused(f"springs.{name}: Exudyn has no item for it, and the adapter's function is not written as a "
-                      "script")
+        raise Refused(_NO_ITEM.format(f"springs.{name}"))
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> _Name:
         value = _expression(element, law, derivative)
         variable = self.system.variable(element, re.sub("UserFunction", "", name).lower())
-        arguments, result = (
-            ("load", f"[{value} * x for x in load]") if name == "loadVectorUserFunction" else ("item, offset", value)
-        )
+        arguments, result = "item, offset", value
+        if name == "loadVectorUserFunction":
+            arguments, result = "load", f"[{value} * x for x in load]"
         self.system.lines += [f"\n\ndef {variable}(mbs, t, {arguments}):\n    return {result}\n\n"]
         return variable
 

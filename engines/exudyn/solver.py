@@ -7,7 +7,6 @@ Index 3 leaves a residual of the velocity constraints; a restart would turn it i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,17 +21,6 @@ INTEGRATORS = {"generalized-alpha": (False, False), "newmark": (True, False), "t
 2)."""
 OPEN = 1e-9
 """Of a null vector of unit length: components above it are of reactions that redundant constraints leave open."""
-
-
-@dataclass(frozen=True)
-class State:
-    """Coordinates, velocities, accelerations and multipliers of Exudyn's system at a time (s)."""
-
-    t: float
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    multipliers: np.ndarray
 
 
 class Solver:
@@ -67,9 +55,7 @@ class Solver:
         self._initialize_solver()
         self.coordinates = len(self._data.GetODE2Coordinates())
         self.constraints = len(self._data.GetAECoordinates())
-        found = self._open_rows()
-        self.redundant = found is not None
-        self.open_rows = np.zeros(0, dtype=np.int64) if found is None else found
+        self.redundant, self.open_rows = self._open_rows()
         if not self.redundant:
             linear.solverType, linear.ignoreSingularJacobian = exudyn.LinearSolverType.EXUdense, False
             self._initialize_solver()
@@ -78,13 +64,13 @@ class Solver:
         if not self._solver.InitializeSolver(self._system, self._settings):
             raise EngineFailure(self.failure("the solver could not be initialized"))
 
-    def _open_rows(self) -> np.ndarray | None:
-        """Return the multipliers that redundant constraints leave open; None where no constraint is redundant."""
+    def _open_rows(self) -> tuple[bool, np.ndarray]:
+        """Return True where constraints are redundant, and the multipliers that they leave open."""
         jacobian = self.jacobian()
         active = np.flatnonzero(jacobian.any(axis=1))
         if not len(active) or (rank := np.linalg.matrix_rank(jacobian[active])) == len(active):
-            return None
-        return active[np.abs(np.linalg.svd(jacobian[active])[0][:, rank:]).max(axis=1) > OPEN]
+            return False, active[:0]
+        return True, active[np.abs(np.linalg.svd(jacobian[active])[0][:, rank:]).max(axis=1) > OPEN]
 
     @property
     def t(self) -> float:
@@ -111,18 +97,18 @@ class Solver:
         """Newton iterations so far."""
         return self._solver.it.newtonStepsCount
 
-    def state(self) -> State:
-        """Return the present state.
+    def accelerations(self) -> np.ndarray:
+        """Return the present accelerations.
 
         Raises
         ------
         EngineFailure
-            If it is not finite.
+            If the state is not finite.
         """
-        found = State(self.t, self.q, self.v, np.array(self._data.GetODE2Coordinates_tt()), self.multipliers)
-        if not all(np.isfinite(values).all() for values in (found.q, found.v, found.a)):
-            raise EngineFailure(self.failure(f"the state is not finite at t = {found.t:g} s"))
-        return found
+        a = np.array(self._data.GetODE2Coordinates_tt())
+        if not all(np.isfinite(values).all() for values in (self.q, self.v, a)):
+            raise EngineFailure(self.failure(f"the state is not finite at t = {self.t:g} s"))
+        return a
 
     def start_of_step(self) -> tuple[float, np.ndarray, np.ndarray]:
         """Return time, coordinates and velocities at the start of the last step."""
@@ -138,10 +124,7 @@ class Solver:
         self._system.SetPreStepUserFunction(hook)
 
     def after_newton(self, judge: Callable[[], list[float]]) -> None:
-        """Call a function after each Newton solution of a step: [error, recommended step].
-
-        An error > 0 repeats the step.
-        """
+        """Call a function after each Newton solution of a step: [error, recommended step]; an error repeats it."""
         self._system.SetPostNewtonUserFunction(lambda system, t: self.clock.call_back(judge))
 
     def steps(self, t0: float, t1: float, count: int) -> tuple[bool, int]:
@@ -162,10 +145,7 @@ class Solver:
         self._data.SetTime(t, self._initial)
 
     def initial_accelerations(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return accelerations and multipliers of the initial state, by Exudyn.
-
-        It leaves out the accelerations of drives.
-        """
+        """Return accelerations and multipliers of the initial state, by Exudyn, which leaves out those of drives."""
         self._initialize()
         a, multipliers = np.array(self._data.GetODE2Coordinates_tt()), self.multipliers
         if self._accelerated:

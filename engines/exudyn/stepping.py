@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import copysign, nan
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -50,8 +50,7 @@ class Sample:
     guides: list[Any]
 
 
-@dataclass(frozen=True)
-class Switch:
+class Switch(NamedTuple):
     """A located change of contact mode."""
 
     kind: str
@@ -60,25 +59,8 @@ class Switch:
     after: Sample
 
 
-@dataclass
-class Counters:
-    """Counters of a run."""
-
-    steps: int = 0
-    newton: int = 0
-    switches: int = 0
-    restarts: int = 0
-
-
 class Stepper:
-    """Runs a model at fixed steps.
-
-    Attributes
-    ----------
-    samples : list of Sample
-    switches : list of Switch
-    counters : Counters
-    solver : Solver
+    """Runs a model at fixed steps, of which `samples`, `switches` and `counters` tell; `solver` is Exudyn's.
 
     Parameters
     ----------
@@ -103,7 +85,7 @@ class Stepper:
                  record: Callable[[], list[Any]] | None = None,
                  before_step: Callable[[np.ndarray], None] | None = None):
         self.model, self.guides, self.dt = model, guides, dt
-        self.counters = Counters()
+        self.counters = dict.fromkeys(("steps", "newton", "switches", "restarts"), 0)
         self.switches: list[Switch] = []
         self.samples: list[Sample] = []
         self._record = record or (lambda: [(guide.mode, guide.friction, guide.surface_moment) for guide in guides])
@@ -119,8 +101,7 @@ class Stepper:
         for guide in guides if self.solver.redundant else ():
             if np.intersect1d(self.solver.open_rows, guide.reaction_rows).size:
                 raise Declined(f"joints.{guide.name}: the constraints are redundant and leave its reactions open, and "
-                               "with "
-                               "them its friction")
+                               "with them its friction")
 
     def run(self, t_end: float, every: int) -> None:
         """Integrate from the scene's initial state; `samples` are at the grid's output instants, the last at t_end.
@@ -171,7 +152,7 @@ class Stepper:
                 restarted = self.switches[-1].after.t if self.switches else 0.0
                 if self.guides and samples[-1].t - restarted < TRANSIENT * self.dt:
                     transient.append(len(samples) - 1)
-        self.counters.newton = self.solver.newton_steps
+        self.counters["newton"] = self.solver.newton_steps
         for i in transient:
             samples[i] = self._consistent(samples[i])
 
@@ -202,23 +183,19 @@ class Stepper:
         """Steps of equal length; False if a violated mode stopped them."""
         self._violated, self._repetitions = False, 0
         done, made = self.solver.steps(t0, t1, steps)
-        self.counters.steps += made
+        self.counters["steps"] += made
         if not done and not self._violated:
             t = self.solver.t
             if self._repetitions >= FRICTION_REPETITIONS:
                 raise Unsettled(f"friction and reactions do not settle at t = {t:g} s: no solution, or several", t)
             if self.solver.redundant:
                 raise EngineFailure(f"the constraints are redundant, and Exudyn finds no state at t = {t:g} s that "
-                                    "meets "
-                                    "them all: they contradict")
+                                    "meets them all: they contradict")
             raise EngineFailure(self.solver.failure(f"no convergence at t = {t:g} s"))
         return done
 
     def _judge(self) -> list[float]:
-        """Renew the friction after a Newton solution.
-
-        Repeat the step, accept it, or end the steps where a mode is violated.
-        """
+        """Renew the friction after a Newton solution; repeat the step, accept it, or end where a mode is violated."""
         multipliers = self.solver.multipliers
         self._repetitions += 1
         if max([guide.renew(multipliers) for guide in self.guides]) > FRICTION_TOLERANCE:
@@ -266,22 +243,19 @@ class Stepper:
             self._stop(before, [guide for guide in self.guides if guide.mode
                                 and (guide is ended or abs(guide.slip_speed(before.q, before.v)) <= REST_SPEED)])
         else:
-            ended.switch(int(-copysign(1, ended.friction)))
+            ended.switch(int(-copysign(1, ended.friction)), before.q)
         after = self._restart(before.t, before.q, before.v)
         for guide, old in zip(self.guides, modes):
             if guide.mode != old:
                 kind = "slip" if old == 0 else "stick" if guide.mode == 0 else "reversal"
                 self.switches.append(Switch(kind, guide.name, before, after))
-        self.counters.switches += 1
+        self.counters["switches"] += 1
 
     def _stop(self, state: Sample, guides: list[FrictionalGuide]) -> None:
-        """Sliders that came to rest: they turn round if static friction lets them, else they stick.
-
-        Holding them and looking at the force instead would fail where a slider only turns round because the
-        mechanism does (a dead centre): there no force holds it.
-        """
+        """Turn sliders that came to rest round where static friction lets them; else they stick."""
+        # to hold them and look at the force would fail where the mechanism turns round: there no force holds them
         for guide in guides:
-            guide.switch(-guide.mode)
+            guide.switch(-guide.mode, state.q)
             guide.coefficient = guide.mus
         a, _ = self._start(state.t, state.q, state.v)
         turns = [guide.mode * guide.slip_acceleration(state.q, state.v, a) > 0.0 for guide in guides]
@@ -298,13 +272,12 @@ class Stepper:
             if held and not self._independent(held):
                 names = ", ".join(guide.name for guide in held)
                 raise Declined(f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their shares "
-                               "are open, "
-                               "and the adapter holds each by a constraint of its own")
+                               "are open, and the adapter holds each by a constraint of its own")
             a, multipliers = self._start(t, q, on_constraints)
             overloaded = min(held, key=lambda guide: guide.margin(q, v), default=None)
             if overloaded is None or overloaded.margin(q, v) >= -ROUNDING:
                 return Sample(t, q, on_constraints, a, multipliers, self._record())
-            overloaded.switch(int(-copysign(1, overloaded.friction)))
+            overloaded.switch(int(-copysign(1, overloaded.friction)), q)
 
     def _independent(self, held: list[FrictionalGuide]) -> bool:
         """Return True where the connectors that hold sliders all add to the rank of the constraints."""
@@ -314,7 +287,7 @@ class Stepper:
 
     def _start(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Set the state, with accelerations and multipliers that belong to it, friction included; returns these."""
-        self.counters.restarts += 1
+        self.counters["restarts"] += 1
         self.solver.set_state(t, q, v)
         for _ in range(FRICTION_REPETITIONS):
             a, multipliers = self.solver.initial_accelerations(t)
@@ -335,5 +308,5 @@ class Stepper:
         return self.solver.on_velocity_constraints(t, q, v, [guide.hold_row for guide in self.guides if guide.mode])
 
     def _sample(self) -> Sample:
-        state = self.solver.state()
-        return Sample(state.t, state.q, state.v, state.a, state.multipliers, self._record())
+        solver = self.solver
+        return Sample(solver.t, solver.q, solver.v, solver.accelerations(), solver.multipliers, self._record())

@@ -2,19 +2,15 @@
 
 Joint fidelity. The scene is written as MJCF (`stiction.engines.mujoco.mjcf`): the tree of links of
 `stiction.engines.shared.link_tree`, joints that close loops as `connect` constraints. Drives: a rotor of huge inertia
-in the joint and, each step, the force that ends the step on the law; which joints can be driven is said in
-`stiction.engines.shared.joint_coordinates`. Friction: `frictionloss` of the joint at the bound of
-`stiction.engines.shared.friction_cap`, with a reference that brings the slider to rest within a step. It is soft: of
-the force that would hold a slider the share `impedance` is applied, and a sticking slider would creep; MuJoCo's
-`noslip` sweeps find the frictions once more without that. Springs, dampers, forces and torques are evaluated by the
-adapter and applied to the bodies.
+in the joint and, each step, the force that ends the step on the law. Friction: `frictionloss` of the joint at the
+bound, with a reference that brings the slider to rest within a step. It is soft: of the force that would hold a slider
+the share `impedance` is applied, and a sticking slider would creep; MuJoCo's `noslip` sweeps find the frictions once
+more without that.
 
-Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`); normal
-forces and friction are the engine's contacts, with elliptic cones. The adapter sets two numbers of a guide's contacts
-before each step: the coefficient, mus if its slider stuck or is about to reverse, mu otherwise; and the damping of
-their friction, which brings a slider to rest within a step, or opposes its slip with a few times the acceleration that
-friction and the last step show, less what a load drives it with. More of it separates the surfaces, and a slider
-between two of them is pumped.
+Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`);
+contacts have elliptic cones. The adapter also sets the damping of a guide's friction before each step, which brings a
+slider to rest within a step, or opposes its slip with a few times the acceleration that friction and the last step
+show, less what a load drives it with. More of it separates the surfaces, and a slider between two of them is pumped.
 """
 
 from __future__ import annotations
@@ -33,13 +29,13 @@ from stiction.engines.mujoco.contact import SIDES, Softness, slip_damping, slip_
 from stiction.engines.mujoco.loads import ROTOR
 from stiction.engines.mujoco.mjcf import NOSLIP, START, Options, joint_name, mjcf
 from stiction.engines.protocol import EngineFailure, Refused, accepted
-from stiction.engines.shared.contact_friction import ContactFriction
+from stiction.engines.shared.acceleration_integrator import TreeAccelerations
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import Defaults, settings_of
-from stiction.engines.shared.friction_cap import CAPPED, CONTACT
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper, motor_link
+from stiction.engines.shared.friction_bound import CAPPED, CONTACT, ContactFriction
+from stiction.engines.shared.joint_coordinates import TreeStepper, motor_link
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.tree_engine import TreeEngine, tree_of
+from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Translational
@@ -59,8 +55,6 @@ _SETTINGS: Mapping[str, Defaults] = {
 _MOST_FRICTION = 1.5
 """Up to which a sliding box of 3 : 1 is braked right to 1 %; by 1.08 and 1.25 times as much at 1.75 and 2, and at 2.5
 it is stopped."""
-_SETTLING = 16
-"""Steps in which the joints that close loops settle at the position error they keep."""
 
 
 class MujocoEngine(TreeEngine):
@@ -80,8 +74,7 @@ class MujocoEngine(TreeEngine):
     effect). A user's plain contacts are ``time_constant=0.02 impedance=0.95 impratio=1 cone=pyramidal``.
     """
 
-    name, called = "mujoco", "MuJoCo"
-    defaults = _SETTINGS
+    name, called, defaults = "mujoco", "MuJoCo", _SETTINGS
     capabilities = replace(TreeEngine.capabilities,
                            friction_law={"joint": CAPPED, "contact": f"{CONTACT}, and sets the damping of friction"})
 
@@ -97,8 +90,7 @@ class MujocoEngine(TreeEngine):
         for name, guide in scene.frictional_guides.items() if fidelity == "contact" else ():
             if (largest := max(guide.kinetic_coefficient, guide.static_coefficient)) > _MOST_FRICTION:
                 return (f"joints.{name}: found a coefficient of friction of {largest:g}; above {_MOST_FRICTION:g} "
-                        "MuJoCo's contacts brake a slider that tips "
-                        "on its corners too much")
+                        "MuJoCo's contacts brake a slider that tips on its corners too much")
         return None
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
@@ -111,8 +103,7 @@ class MujocoEngine(TreeEngine):
         return None
 
     @contextlib.contextmanager
-    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any],
-                fidelity: str) -> Iterator[TreeStepper]:
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
         if not 0 < options["impedance"] <= HARDEST:
             raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {HARDEST}, "
                              "MuJoCo's own limit")
@@ -126,10 +117,10 @@ class MujocoEngine(TreeEngine):
                              "cone=pyramidal, as noslip leaves an elliptic contact alone with a direction in which "
                              "nothing can move, as that out of the plane")
         with _warnings() as said:
-            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options, said)
+            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, said)
 
-    def accelerations(self, scene: Scene, tree: LinkTree) -> contextlib.AbstractContextManager[TreeAccelerations]:
-        return contextlib.nullcontext(_Accelerations(scene, tree))
+    def accelerations(self, scene: Scene) -> contextlib.AbstractContextManager[TreeAccelerations]:
+        return contextlib.nullcontext(_Accelerations(scene))
 
 
 @contextlib.contextmanager
@@ -159,7 +150,7 @@ def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **opti
     options = settings_of(options, _SETTINGS[fidelity], MujocoEngine.name, fidelity)
     if reason := MujocoEngine().refusal(scene, fidelity):
         raise Refused(reason)
-    return _written(scene, tree_of(scene, fidelity), timestep, fidelity, options, loaded=True)
+    return _written(scene, LinkTree(scene, fidelity), timestep, fidelity, options, loaded=True)
 
 
 def _written(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any], *,
@@ -185,8 +176,8 @@ def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options
         model = mujoco.MjModel.from_xml_string(_written(scene, tree, timestep, fidelity, options))
     except ValueError as error:  # MuJoCo's own limits, as of masses
         raise EngineFailure(f"mujoco: {error}") from error
-    found, expected = [model.joint(i).name for i in range(model.njnt)], [joint_name(tree, i)
-                                                                         for i in range(len(tree.links))]
+    found = [model.joint(i).name for i in range(model.njnt)]
+    expected = [joint_name(tree, i) for i in range(len(tree.links))]
     if found != expected:
         raise RuntimeError(f"MuJoCo numbers the joints {found}; expected {expected}")
     data = mujoco.MjData(model)
@@ -197,29 +188,20 @@ def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options
 class _Stepper(TreeStepper):
     """A scene as MuJoCo model with drives and loads; subclasses add friction."""
 
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str],
-                 fidelity: str, *, capped: bool):
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
         import mujoco
 
-        super().__init__(scene, h, tree, options.get("passes", 1), capped)
+        super().__init__(scene, h, options)
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
-        self.model, self.data = model, data = _model(scene, tree, h, fidelity, options)
+        self.model, self.data = model, data = _model(scene, self.tree, h, self.fidelity, options)
         self._drive_force = data.qfrc_applied
         self.joints_are(data.qpos, data.qvel)
         # force x, force y, torque z of each body among the six numbers that MuJoCo has of each
-        self._pushed, self._places = data.xfrc_applied.reshape(-1), np.array([6 * model.body(name).id + k
-                                                                              for name in scene.bodies
-                                                                              for k in (0, 1, 5)])
-        self._rates: dict[int, float] = {}
-        self.add_drives(scene)
-        if tree.loops:
-            self.settling = _SETTLING
+        self._pushed = data.xfrc_applied.reshape(-1)
+        self._places = np.array([6 * model.body(name).id + k for name in scene.bodies for k in (0, 1, 5)])
 
-    def drive_rate(self, link: int, rate: float) -> None:
-        self._rates[link] = rate
-
-    def retreat(self) -> None:
-        self.position[:], self.velocity[:] = self.start
+    def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        self.position[:], self.velocity[:] = position, velocity
 
     @abstractmethod
     def set_friction(self, caps: Sequence[float]) -> None:
@@ -231,7 +213,7 @@ class _Stepper(TreeStepper):
 
     def advance(self, caps: Sequence[float]) -> None:
         self.set_friction(caps)
-        for link, rate in self._rates.items():
+        for link, rate in self.rates.items():
             self._drive_force[link] = ROTOR * (rate - self.velocity[link]) / self.h
         if self.loaded:
             self._pushed[self._places] = self.loads
@@ -244,8 +226,8 @@ class _Stepper(TreeStepper):
 class _JointStepper(_Stepper):
     """Guides as slides, friction as their loss."""
 
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
-        super().__init__(scene, tree, h, options, warnings, "joint", capped=True)
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
+        super().__init__(scene, h, options, warnings)
         self._loss = self.model.dof_frictionloss
         self._by_link = sorted(range(len(self.friction_links)), key=self.friction_links.__getitem__)
 
@@ -264,21 +246,18 @@ class _JointStepper(_Stepper):
 class _ContactStepper(_Stepper):
     """Sliders as boxes between two planes each."""
 
+    fidelity = "contact"
     friction: ContactFriction
 
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
-        super().__init__(scene, tree, h, options, warnings, "contact", capped=False)
-        model, self._impedance, self._adapted = (
-            self.model,
-            options["impedance"],
-            options["friction_damping"] == "adapted",
-        )
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
+        super().__init__(scene, h, options, warnings)
+        self.friction = ContactFriction(scene, self.tree)
+        model, self._impedance = self.model, options["impedance"]
+        self._adapted = options["friction_damping"] == "adapted"
         self._damped = not options["time_constant"]  # else MuJoCo's own
         self._times = partial(slip_reference, options["slip_reference"], self._impedance)
-        self._bounds, self._references = (
-            model.pair_friction.reshape(-1).data,
-            model.pair_solreffriction.reshape(-1).data,
-        )
+        self._bounds = model.pair_friction.reshape(-1).data
+        self._references = model.pair_solreffriction.reshape(-1).data
         self._guides = []
         for name, guide in scene.frictional_guides.items():
             surfaces = [model.geom(surface(name, side)).id for side in SIDES]
@@ -323,7 +302,7 @@ class _ContactStepper(_Stepper):
             normals.append(abs(ux * ay - uy * ax) + abs(ux * by - uy * bx))
             frictions.append(abs(ux * ax + uy * ay) + abs(ux * bx + uy * by))
             along.append(ux * (ax + bx) + uy * (ay + by))
-        self.friction.observe_contacts(self.position, self.velocity, self._coefficients, normals, frictions)
+        self.friction.observe(self.position, self.velocity, self._coefficients, normals, frictions)
         before, self._speeds = self._speeds, self.friction.data.slip_speeds.tolist()
         for i, (*_, mass) in enumerate(self._guides):
             sense, bound = copysign(1.0, self._speeds[i]), self._coefficients[i] * normals[i] / mass
@@ -336,12 +315,12 @@ class _ContactStepper(_Stepper):
 class _Accelerations(TreeAccelerations):
     """MuJoCo's mass matrix and bias forces."""
 
-    def __init__(self, scene: Scene, tree: LinkTree):
+    def __init__(self, scene: Scene):
         import mujoco
 
-        super().__init__(scene, tree)
+        super().__init__(scene)
         self._mujoco = mujoco
-        self._model, self._data = _model(scene, tree, 1.0, "joint",
+        self._model, self._data = _model(scene, self._tree, 1.0, "joint",
                                          settings_of({}, _SETTINGS["joint"], MujocoEngine.name, "joint"))
         self._model.dof_armature[:] = 0.0  # rotors are for stepping
         self._mass = np.zeros((self._model.nv, self._model.nv))

@@ -32,17 +32,7 @@ _WORLD = "world-axes"
 
 @dataclass
 class Loads:
-    """Loads of a scene: those in the model, and those left to the adapter.
-
-    Attributes
-    ----------
-    ctrl : list of float
-        Of the actuators, at the start.
-    to_set : list of str
-        What is to be set before each step, a sentence each.
-    missing : list of str
-        What the file does not hold, with the reason.
-    """
+    """Values of the actuators at the start, what is to be set before each step, and what the file does not hold."""
 
     ctrl: list[float] = field(default_factory=list)
     to_set: list[str] = field(default_factory=list)
@@ -60,14 +50,9 @@ def add_site(elements: Mapping[int, xml.Element], tree: LinkTree, name: str, bod
 
 def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Scene, tree: LinkTree,
               joints: list[str]) -> Loads:
-    """Give a model the springs, dampers, forces, torques and drives of its scene.
+    """Give a model, whose `elements` are its bodies by link, the springs, dampers, forces, torques and drives.
 
-    Parameters
-    ----------
-    root : Element
-        Of the model; `elements` are its bodies by link, the world's at -1.
-    joints : list of str
-        Names of the links' joints.
+    The world's element is at -1; `joints` are the names of the links' joints.
     """
     loads = Loads()
     tendons, actuators = xml.Element("tendon"), xml.Element("actuator")

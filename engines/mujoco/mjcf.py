@@ -72,15 +72,14 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
     Parameters
     ----------
     tree : LinkTree
-        Of the scene. Its links become bodies and joints; joints that close loops become constraints.
+        Its links become bodies and joints; joints that close loops become constraints.
     driven : Mapping of int to float
         By the link that a drive moves, the rate of the link's coordinate at the start (m/s, rad/s).
-    options : Options
     softness : Softness, optional
         Of the contacts of sliders, whose guides are no joints of the tree then.
     loaded : bool
-        Whether springs, dampers, loads and drives are part of the model, with a header that says what is not; else they
-        are the caller's to apply.
+        True for springs, dampers, loads and drives in the model, with a header that says what is not; else they are the
+        caller's to apply.
     """
     root = xml.Element("mujoco", model=scene.name)
     xml.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
@@ -106,9 +105,7 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
             continue
         free = link.joint is None
         parent = -1 if free else link.parent
-        origin = tree.links[parent].point if parent >= 0 else (0.0, 0.0)
-        place = (link.anchor[0] - origin[0], link.anchor[1] - origin[1])
-        body = elements[i] = xml.SubElement(elements[parent], "body", name=link.body, pos=numbers(*place, 0.0),
+        body = elements[i] = xml.SubElement(elements[parent], "body", name=link.body, pos=numbers(*tree.place(i)),
                                             euler=numbers(0.0, 0.0, link.angle))
         for j in (i - 2, i - 1, i) if free else (i,):
             _joint(body, tree.links[j], joint_name(tree, j), scene, j in driven, soft)

@@ -1,22 +1,15 @@
 """PyBullet: a multibody in reduced coordinates (Featherstone), impulses on joint velocities, symplectic Euler.
 
-A step from t to t + h solves for the accelerations at q(t) under the loads at t, then
-v(t+h) = v(t) + h a,  q(t+h) = q(t) + h v(t+h).  So a sample at t holds the acceleration of the step that begins at t.
-Where point-to-point constraints close loops, the first step also bends the consistent start onto the engine's
-discrete velocities, and the sample at 0 holds the acceleration of the second.
+Where point-to-point constraints close loops, the first step also bends the consistent start onto the engine's discrete
+velocities, and the sample at 0 holds the acceleration of the second.
 
 Joint fidelity. The mechanism is one multibody on a fixed base, its joints those of
 `stiction.engines.shared.link_tree.LinkTree`. Revolute joints that close a loop are point-to-point constraints,
 corrected by `erp` of their error each step; a translational joint that closes a loop is refused: `createConstraint` has
-`JOINT_PRISMATIC`, but no motor, and friction is held by one. Angle drive: velocity motor of the hinge, at constant rate
-left alone, otherwise with the rate that ends each step on the law; the bodies must be joined through exactly one hinge.
-Distance drive: the same on a guide without friction, along its direction. Friction: velocity motor at rest with `force`
-at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and torques are evaluated by the
-adapter and applied as external forces. All damping that PyBullet adds by default is switched off.
+`JOINT_PRISMATIC`, but no motor, and friction is held by one. Drives: velocity motors. Friction: a velocity motor at
+rest with `force` at the bound. All damping that PyBullet adds by default is switched off.
 
-Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, without clearance; normal
-forces and friction are the engine's contacts. The static coefficient is the adapter's: before each step a guide gets
-mus if its slider stuck or is about to reverse, mu otherwise.
+Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, without clearance.
 """
 
 from __future__ import annotations
@@ -32,10 +25,10 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import accepted, installed_version
-from stiction.engines.shared.contact_friction import ContactFriction
+from stiction.engines.shared.acceleration_integrator import TreeAccelerations
 from stiction.engines.shared.contact_geometry import REACH, box_angle, crowded, direction_of, several_guides
 from stiction.engines.shared.fixed_step import Defaults
-from stiction.engines.shared.joint_coordinates import TreeAccelerations, TreeStepper
+from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
@@ -56,9 +49,6 @@ _DEPTH = 0.5
 _PLACE_GAIN, _RATE_GAIN = 0.1, 1.0
 """PyBullet's own values for the optional arguments of velocity motors, so that all are given by place: names cost half
 a microsecond a call."""
-_SETTLING = 16
-"""Steps in which the joints that close loops settle at the position error they keep; measured: to 1e-3 of their
-start's."""
 _SETTINGS: Mapping[str, Defaults] = {
     "joint": {"iterations": 50, "passes": 2, "erp": 1.0},
     "contact": {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5,
@@ -75,12 +65,15 @@ class PybulletEngine(TreeEngine):
     also pulls a contact back to where it began).
     """
 
-    name, called, reach, defaults = "pybullet", "PyBullet", REACH, _SETTINGS
+    name, called, defaults = "pybullet", "PyBullet", _SETTINGS
 
     @property
     def version(self) -> str:
         _ = _pybullet().connect  # another package of this name has none
         return accepted("pybullet", installed_version("pybullet"))
+
+    def reach(self, fidelity: str) -> float:
+        return REACH if fidelity == "contact" else math.inf
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return super().refusal(scene, fidelity) or (crowded(scene, MOST_GUIDES, "PyBullet") or several_guides(scene)
@@ -92,15 +85,14 @@ class PybulletEngine(TreeEngine):
         return None
 
     @contextlib.contextmanager
-    def stepper(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any],
-                fidelity: str) -> Iterator[TreeStepper]:
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
         with _client() as client:
-            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, tree, h, options, client)
+            yield (_Stepper if fidelity == "joint" else _ContactStepper)(scene, h, options, client)
 
     @contextlib.contextmanager
-    def accelerations(self, scene: Scene, tree: LinkTree) -> Iterator[TreeAccelerations]:
+    def accelerations(self, scene: Scene) -> Iterator[TreeAccelerations]:
         with _client() as client:
-            yield _Accelerations(scene, tree, client)
+            yield _Accelerations(scene, client)
 
 
 @contextlib.contextmanager
@@ -143,14 +135,12 @@ def _client() -> Iterator[int]:
 def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: int) -> int:
     """The scene's links in PyBullet, with collision shapes by link, without motors and damping."""
     bullet, links = _pybullet(), tree.links
-    positions = [(*(np.subtract(link.anchor, links[link.parent].point) if link.parent >= 0 else link.anchor), 0.0)
-                 for link in links]
     body = bullet.createMultiBody(
         baseMass=0.0, linkMasses=[scene.bodies[link.body].mass if link.body else 0.0 for link in links],
         linkCollisionShapeIndices=[shapes.get(i, -1) for i in range(len(links))],
-        linkVisualShapeIndices=[-1] * len(links), linkPositions=positions,
+        linkVisualShapeIndices=[-1] * len(links), linkPositions=[tree.place(i) for i in range(len(links))],
         linkOrientations=[bullet.getQuaternionFromEuler([0.0, 0.0, link.angle]) for link in links],
-        linkInertialFramePositions=[(-link.point[0], -link.point[1], 0.0) for link in links],
+        linkInertialFramePositions=[tree.centre(i) for i in range(len(links))],
         linkInertialFrameOrientations=[(0.0, 0.0, 0.0, 1.0)] * len(links),
         linkParentIndices=[link.parent + 1 for link in links],
         linkJointTypes=[bullet.JOINT_PRISMATIC if link.slides else bullet.JOINT_REVOLUTE for link in links],
@@ -170,20 +160,19 @@ def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: 
     return body
 
 
-class _PybulletStepper(TreeStepper):
-    """A scene as a PyBullet multibody with drives and loads; subclasses add friction."""
+class _Stepper(TreeStepper):
+    """A scene as a PyBullet multibody; friction as capped motors of the guides' joints."""
 
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], client: int,
-                 shapes: Mapping[int, int], *, capped: bool):
-        super().__init__(scene, h, tree, options.get("passes", 1), capped)
-        self._bullet, self._client = _pybullet(), client
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
+        super().__init__(scene, h, options)
+        self._bullet, self._client, tree = _pybullet(), client, self.tree
         bullet = self._bullet
         bullet.setTimeStep(h, physicsClientId=client)
         bullet.setPhysicsEngineParameter(numSolverIterations=options["iterations"], solverResidualThreshold=0.0,
                                          erp=options["erp"], physicsClientId=client)
         if scene.gravity is not None:
             bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
-        self._multibody = _multibody(scene, tree, shapes, client)
+        self._multibody = _multibody(scene, tree, self._shapes(scene), client)
         loaded = {name for spring in scene.springs.values()
                   for name in spring.bodies} | {load.body for load in scene.forces.values()}
         links = list(range(len(tree.links)))
@@ -200,20 +189,17 @@ class _PybulletStepper(TreeStepper):
                           partial(bullet.applyExternalTorque, self._multibody, tree.link_of[name]))
                          for i, name in enumerate(scene.bodies) if name in loaded]
         # of single numbers a view of the memory is read and written in half the time of an array
-        self._positions, self._velocities, self._held = (
-            self.position.data,
-            self.velocity.data,
-            self.held.data,
-        )
-        # forces act where PyBullet last looked for the links: at the start of the step before, or where `_put` set them
+        self._positions, self._velocities, self._held = self.position.data, self.velocity.data, self.held.data
+        # forces act where PyBullet last looked for the links: at the start of the step before, or where `put` set them
         self._seen = np.zeros(len(self.coordinates))
         self._places, self._forces = self._seen.data, self.loads.data
-        if tree.loops:
-            self.settling = _SETTLING
-        self._put(self.position, self.velocity)
+        self.put(self.position, self.velocity)
         for name in tree.loops:
             self._close_loop(scene.pins[name])
-        self.add_drives(scene)
+
+    def _shapes(self, scene: Scene) -> dict[int, int]:
+        """Collision shapes by link."""
+        return {}
 
     def _close_loop(self, joint: Revolute) -> None:
         bullet = self._bullet
@@ -226,15 +212,12 @@ class _PybulletStepper(TreeStepper):
         self._bullet.setJointMotorControl2(self._multibody, link, self._bullet.VELOCITY_CONTROL, targetVelocity=rate,
                                            force=_NO_LIMIT, physicsClientId=self._client)
 
-    def _put(self, position: np.ndarray, velocity: np.ndarray) -> None:
+    def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self._reset([[place] for place in position.tolist()], [[rate] for rate in velocity.tolist()], self._client)
 
     def begin(self) -> None:
         super().begin()
         self._seen[:] = self.coordinates
-
-    def retreat(self) -> None:
-        self._put(*self.start)
 
     def advance(self, caps: Sequence[float]) -> None:
         client = self._client
@@ -260,32 +243,18 @@ class _PybulletStepper(TreeStepper):
             held[i] = abs(states[link][3])
 
 
-class _JointStepper(_PybulletStepper):
-    """Guides as prismatic joints, friction as their capped motors."""
-
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], client: int):
-        super().__init__(scene, tree, h, options, client, {}, capped=True)
-
-
-class _ContactStepper(_PybulletStepper):
+class _ContactStepper(ContactStepper, _Stepper):
     """Sliders as boxes between two fixed boxes each."""
 
-    friction: ContactFriction
-
-    def __init__(self, scene: Scene, tree: LinkTree, h: float, options: Mapping[str, Any], client: int):
-        bullet = _pybullet()
-        shapes = {tree.link_of[guide.slider]: bullet.createCollisionShape(
-            bullet.GEOM_BOX, halfExtents=[guide.extent[0] / 2, guide.extent[1] / 2, _DEPTH],
-            collisionFramePosition=[*guide.slider_point, 0.0],  # from the centre of mass: a free link's frame
-            collisionFrameOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, box_angle(guide)]),
-            physicsClientId=client) for guide in scene.guides.values()}
-        super().__init__(scene, tree, h, options, client, shapes, capped=False)
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
+        super().__init__(scene, h, options, client)
+        bullet = self._bullet
         bullet.setPhysicsEngineParameter(contactERP=options["contact_erp"], contactSlop=options["contact_slop"],
                                          enableConeFriction=int(options["cone_friction"] == "on"),
                                          physicsClientId=client)
         self._guides = []
         for number, guide in enumerate(scene.guides.values()):
-            link = tree.link_of[guide.slider]
+            link = self.tree.link_of[guide.slider]
             along = np.array(direction_of(guide))
             bodies = (self._multibody, link), (self._surface(guide, along), -1), (self._surface(guide, -along), -1)
             for body in bodies:
@@ -295,6 +264,14 @@ class _ContactStepper(_PybulletStepper):
                 bullet.changeDynamics(self._multibody, link, frictionAnchor=1, physicsClientId=client)
             if guide.frictional:
                 self._guides.append(link)
+
+    def _shapes(self, scene: Scene) -> dict[int, int]:
+        bullet = self._bullet
+        return {self.tree.link_of[guide.slider]: bullet.createCollisionShape(
+            bullet.GEOM_BOX, halfExtents=[guide.extent[0] / 2, guide.extent[1] / 2, _DEPTH],
+            collisionFramePosition=[*guide.slider_point, 0.0],  # from the centre of mass: a free link's frame
+            collisionFrameOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, box_angle(guide)]),
+            physicsClientId=self._client) for guide in scene.guides.values()}
 
     def _surface(self, guide: Translational, along: np.ndarray) -> int:
         """The box whose face lies half the slider's width to the right of `along`."""
@@ -309,33 +286,30 @@ class _ContactStepper(_PybulletStepper):
         bullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self._client)
         return body
 
-    def advance(self, caps: Sequence[float]) -> None:
-        bullet, coefficients = self._bullet, self.friction.coefficients()
+    def rub(self, coefficients: Sequence[float]) -> None:
         for link, coefficient in zip(self._guides, coefficients):
-            bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client)
-        super().advance(caps)
-        if self._guides:
-            contacts = [bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
-                        for link in self._guides]
-            self.friction.observe_contacts(self.position, self.velocity, coefficients,
-                                           normals=[sum([contact[9] for contact in found]) for found in contacts],
-                                           frictions=[sum([math.hypot(contact[10], contact[12]) for contact in found])
-                                                      for found in contacts])
+            self._bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient,
+                                        physicsClientId=self._client)
+
+    def contact_forces(self) -> tuple[list[float], list[float]]:
+        contacts = [self._bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
+                    for link in self._guides]
+        return ([sum([contact[9] for contact in found]) for found in contacts],
+                [sum([math.hypot(contact[10], contact[12]) for contact in found]) for found in contacts])
 
 
 class _Accelerations(TreeAccelerations):
     """PyBullet's mass matrix and inverse dynamics."""
 
-    def __init__(self, scene: Scene, tree: LinkTree, client: int):
-        super().__init__(scene, tree)
+    def __init__(self, scene: Scene, client: int):
+        super().__init__(scene)
         self._bullet, self._client = _pybullet(), client
         if scene.gravity is not None:
             self._bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
-        self._multibody = _multibody(scene, tree, {}, client)
+        self._multibody = _multibody(scene, self._tree, {}, client)
 
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        arguments = [part.tolist() for part in (position, velocity, second)]
-        mass, needed = self.clock.call(self._compute, *arguments)
+        mass, needed = self.clock.call(self._compute, *(part.tolist() for part in (position, velocity, second)))
         return np.array(mass), np.array(needed)
 
     def _compute(self, *motion: list[float]) -> tuple[Sequence[Sequence[float]], Sequence[float]]:

@@ -44,9 +44,7 @@ def urdf(scene: Scene) -> str:
         joint.append(xml.Comment(f" start: {float(position[i])!r}, rate {float(velocity[i])!r} "))
         xml.SubElement(joint, "parent", link=BASE if link.parent < 0 else names[link.parent])
         xml.SubElement(joint, "child", link=name)
-        origin = tree.links[link.parent].point if link.parent >= 0 else (0.0, 0.0)
-        xml.SubElement(joint, "origin", xyz=_numbers(link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0),
-                       rpy=_numbers(0.0, 0.0, link.angle))
+        xml.SubElement(joint, "origin", xyz=_numbers(*tree.place(i)), rpy=_numbers(0.0, 0.0, link.angle))
         xml.SubElement(joint, "axis", xyz=_numbers(*link.axis, 0.0) if link.slides else "0 0 1")
         if link.slides:
             xml.SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")

@@ -11,35 +11,31 @@ ratio 1 for the angle; a slider whose guide cannot turn gets infinite moment of 
 drive: `SimpleMotor`, at constant rate left alone, otherwise with the rate that ends each step on the law. Distance
 drive: `PinJoint` whose distance follows the law, along an axis a `GrooveJoint` across it whose place does. Friction: a
 `GrooveJoint` across the guide, so that only its force along the guide acts, without position correction and with
-`max_force` at the bound of `stiction.engines.shared.friction_cap`. Springs, dampers, forces and torques are evaluated
-by the adapter.
+`max_force` at the bound.
 
-Contact fidelity. The slider is a box of the guide's length and width, less `clearance`, between two segments; normal
-forces and friction are the engine's contacts. Without clearance the box touches both segments from the start, and what
-its contacts remember keeps it pressed between them: a box of length a and width b that slides from the start has 1 + 2
-mu b/a times its friction, at any step. The static coefficient is the adapter's: before each step a guide gets mus if
-its slider stuck or is about to reverse, mu otherwise.
+Contact fidelity. The slider is a box of the guide's length and width, less `clearance`, between two segments. Without
+clearance the box touches both from the start, and what its contacts remember keeps it pressed between them: a box of
+length a and width b that slides from the start has 1 + 2 mu b/a times its friction, at any step.
 """
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from contextlib import AbstractContextManager, nullcontext
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from stiction.engines.protocol import FIDELITIES, Capabilities, Engine, accepted
+from stiction.engines.protocol import accepted
 from stiction.engines.shared.contact_geometry import contact_refusal, crowded, slider_box, unlike_guides
-from stiction.engines.shared.fixed_step import Grid, Sample, Stepper, run_steps, settings_of, step_of
-from stiction.engines.shared.friction_cap import CAPPED, CONTACT, CoefficientSwitch, FrictionCap, GuideFriction
-from stiction.engines.shared.inconsistent_start import refuse_off
+from stiction.engines.shared.fixed_step import Defaults, Sample, SteppedEngine, Stepper
+from stiction.engines.shared.friction_bound import CoefficientSwitch, FrictionBound
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import (SpaceContacts, SpaceMotion, SpaceStep, begin_space, finish_space,
-                                                  finish_space_contacts, follow_space)
+from stiction.engines.shared.step_kernels import (SpaceContacts, SpaceStep, begin_space, finish_space,
+                                                  finish_space_contacts)
 from stiction.reference_impl.compiled.kernel import link_kernels
-from stiction.scenes import Scene, Trajectory
+from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 from stiction.scenes.model import Drive, Translational
@@ -58,15 +54,16 @@ files are met to it."""
 _SPARE = 2
 """Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its
 own allocator."""
-_JOINT_SETTINGS = {"iterations": 50, "passes": 2, "error_bias": 0.0}
+_SETTINGS: Mapping[str, Defaults] = {
+    "joint": {"iterations": 50, "passes": 2, "error_bias": 0.0},
+    "contact": {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60,
+                "clearance": 1e-7}}
 _TRIAL = {"iterations": 1000, "passes": 20, "error_bias": 0.0}
 """Settings of the one step before a run: it finds impulses and bounds of friction, which no step before it has, to
 rounding."""
-_CONTACT_SETTINGS = {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60,
-                     "clearance": 1e-7}
 
 
-class PymunkEngine(Engine):
+class PymunkEngine(SteppedEngine):
     """Adapter of pymunk; see the module for what becomes of each element.
 
     Settings, joint fidelity: `iterations` of the solver a step, `passes` at a step where stick is undecided,
@@ -75,10 +72,7 @@ class PymunkEngine(Engine):
     (as `error_bias`, for overlap), `clearance` (by how much the box is narrower than its guide, m).
     """
 
-    name = "pymunk"
-    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
-                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance",
-                                order="1")
+    name, defaults = "pymunk", _SETTINGS
 
     @property
     def version(self) -> str:
@@ -86,11 +80,8 @@ class PymunkEngine(Engine):
 
         return accepted("pymunk", pymunk.version)
 
-    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
-        return dict(_JOINT_SETTINGS if fidelity == "joint" else _CONTACT_SETTINGS)
-
-    def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        return True
+    def reach(self, fidelity: str) -> float:
+        return _GROOVE
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene) or crowded(scene, MOST_GUIDES, "pymunk")
@@ -102,16 +93,9 @@ class PymunkEngine(Engine):
                 return f"drives.{name}: neither of its bodies can turn, their guides hold the angle that it drives"
         return None
 
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        h = step_of(dt, t_end)
-        options = settings_of(settings, self.default_settings(fidelity), self.name, fidelity)
-        start = time.process_time()
-        refuse_off(scene)
-        stepper = (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
-        setup_s = time.process_time() - start
-        return run_steps(self, stepper, scene, Grid.of(t_end, h, output_step), fidelity=fidelity, settings=options,
-                         setup_s=setup_s, reach=_GROOVE)
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any],
+                fidelity: str) -> AbstractContextManager[Stepper]:
+        return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options))
 
 
 def non_turning(scene: Scene) -> set[str]:
@@ -126,7 +110,8 @@ def non_turning(scene: Scene) -> set[str]:
 class _PymunkStepper(Stepper):
     """A scene as pymunk bodies, pins, motors and loads; subclasses add guides and friction."""
 
-    friction: GuideFriction
+    capped: ClassVar[bool]
+    friction: FrictionBound | CoefficientSwitch
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str]):
         import pymunk
@@ -137,14 +122,12 @@ class _PymunkStepper(Stepper):
         space.iterations = options["iterations"]
         if scene.gravity is not None:
             space.gravity = scene.gravity
-        self._bodies: list[Body] = []
         named = {GROUND: space.static_body}
         for name, data in scene.bodies.items():
             body = pymunk.Body(data.mass, math.inf if name in fixed else data.inertia)
             body.position, body.angle = data.position, data.angle
             body.velocity, body.angular_velocity = data.velocity, data.angular_velocity
             space.add(body)
-            self._bodies.append(body)
             named[name] = body
         self._bias = options["error_bias"]
         self._targets: list[Callable[[float], None]] = []
@@ -154,8 +137,10 @@ class _PymunkStepper(Stepper):
             self._drive(drive, *(named[name] for name in drive.bodies))
         self._named = named
         self._loaded = bool(scene.springs or scene.forces)
-        self.balance = MomentumBalance(scene) if self._loaded or scene.frictional_guides else None
-        self._state = _SpaceState(space, [body.id for body in self._bodies], h)
+        # boxes find their friction themselves, and land in the first step; all else settles in two
+        self.bound = FrictionBound(scene, options.get("passes", 1), self.capped)
+        self.balanced, self.settling = bool(len(self.bound.held)), 1 if len(self.bound.held) else 2
+        self._state = _SpaceState(space, [named[name].id for name in scene.bodies], h, self.bound, self._loaded)
 
     def _add(self, constraint: Any) -> None:
         constraint.error_bias = self._bias
@@ -164,7 +149,7 @@ class _PymunkStepper(Stepper):
     def _drive(self, drive: Drive, first: Body, second: Body) -> None:
         import pymunk
 
-        law = drive.law
+        law, follow = drive.law, self._targets.append
         if drive.type == "angle":
             motor = pymunk.SimpleMotor(first, second, evaluate_law(law, 0.0)[1])
             self._add(motor)
@@ -173,93 +158,51 @@ class _PymunkStepper(Stepper):
                 angle = first.angle - second.angle + self._h * (first.angular_velocity - second.angular_velocity)
                 motor.rate = (evaluate_law(law, t)[0] - angle) / self._h
             if not isinstance(law, (Constant, Linear)):
-                self._targets.append(turn)
-            return
-        if drive.axis is None:
+                follow(turn)
+        elif drive.axis is None:
             rod = pymunk.PinJoint(first, second, *drive.points)
             self._add(rod)
 
             def stretch(t: float) -> None:
                 rod.distance = evaluate_law(law, t)[0]
-            self._targets.append(stretch)
-            return
-        axis = np.array(drive.axis) / math.hypot(*drive.axis)
-        across = _GROOVE * np.array([-axis[1], axis[0]])
+            follow(stretch)
+        else:
+            axis = np.array(drive.axis) / math.hypot(*drive.axis)
+            across = _GROOVE * np.array([-axis[1], axis[0]])
+            groove = pymunk.GrooveJoint(second, first, tuple(-across), tuple(across), drive.points[0])
+            self._add(groove)
 
-        def ends(t: float) -> tuple[tuple[float, float], tuple[float, float]]:
-            place = drive.points[1] + evaluate_law(law, t)[0] * axis
-            return tuple(place - across), tuple(place + across)
-
-        groove = pymunk.GrooveJoint(second, first, *ends(0.0), drive.points[0])
-        self._add(groove)
-
-        def shift(t: float) -> None:
-            groove.groove_a, groove.groove_b = ends(t)
-        self._targets.append(shift)
-
-    def _hold_friction(self, scene: Scene, grooves: Sequence[GrooveJoint], passes: int) -> None:
-        """Have the friction of the guides held by these grooves, in their order.
-
-        Without any it is none of the adapter's.
-        """
-        self._grooves, self.balanced = grooves, bool(grooves)
-        self._bundle: SpaceStep | None = None
-        self.settling = 1 if grooves else 2  # boxes land in the first step
-        if self.balance is None:
-            return
-        self.cap = FrictionCap(scene, self.balance, passes, capped=bool(grooves))
-        self._bundle = SpaceStep(motion=self._state.motion, cap=self.cap.data, loaded=int(self._loaded),
-                                 pushed=self._state.loads)
+            def shift(t: float) -> None:
+                place = drive.points[1] + evaluate_law(law, t)[0] * axis
+                groove.groove_a, groove.groove_b = tuple(place - across), tuple(place + across)
+            follow(shift)
 
     def compile(self) -> None:
-        if self._bundle is None or self.balance is None:
-            follow_space(self._state.motion)
-            return
-        start, motion = self.balance.initial, self._state.motion
+        link_kernels(finish_space)
+        start, data = self.bound.balance.initial, self._state.data
         if self._scene.frictional_guides:
             *between, guides = between_steps(self._scene, self._h, self._bias)
-            self.cap.data.guides[:] = guides[:len(self.cap.data.guides)]
+            self.bound.data.guides[:] = guides[:len(self.bound.data.guides)]
         self.begin(*(between if self._scene.frictional_guides else start))
-        motion.q[:], motion.v[:] = start  # of the first sample
+        data.q[:], data.v[:] = start  # of the first sample
 
     def begin(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Begin the first step of a scene with loads or friction, at these coordinates and velocities."""
-        link_kernels(finish_space)
+        """Begin the first step, at these coordinates and velocities."""
         self._state.restart(q, v)
-        if self._bundle is not None:
-            begin_space(self._bundle, self._h)
+        begin_space(self._state.data, self._h)
 
     def step(self) -> None:
         self._k += 1
-        if self._targets:
-            self._aim(self._k * self._h)
-        state, grooves = self._state, self._grooves
-        if self._bundle is None:
-            self._advance()
-            follow_space(state.motion)
-            return
-        next_t, held = (self._k + 1) * self._h, self.cap.held
-        while True:
-            for groove, cap in zip(grooves, self.cap.caps()):
-                groove.max_force = cap
-            self._advance()
-            for i, groove in enumerate(grooves):
-                held[i] = groove.impulse / self._h
-            if not finish_space(self._bundle, next_t):
-                return
-            state.retreat()
+        for target in self._targets:  # the position that follows the step
+            target(self._k * self._h + self._h)
+        state = self._state
+        self.bound.step(self.advance, finish_space, state.data, (self._k + 1) * self._h, state.retreat)
 
     def sample(self) -> Sample:
-        motion = self._state.motion
-        return Sample(motion.q.copy(), motion.v.copy(), motion.a.copy(), self.friction.modes(),
-                      self.friction.frictions())
+        data = self._state.data
+        return Sample(data.q.copy(), data.v.copy(), data.a.copy(), self.friction.modes(), self.friction.frictions())
 
-    def _aim(self, t: float) -> None:
-        """Set the drives' targets for the position that follows the step to t."""
-        for target in self._targets:
-            target(t + self._h)
-
-    def _advance(self) -> None:
+    def advance(self, caps: Sequence[float]) -> None:
         """One pass of the engine under the loads of the state, which is fetched."""
         if self._loaded:
             self._state.push_loads()
@@ -270,15 +213,10 @@ class _PymunkStepper(Stepper):
 class _SpaceState:
     """The states of a space's bodies as arrays, read and written in one call each.
 
-    Attributes
-    ----------
-    motion : SpaceMotion
-        As last fetched; its `before` is what is written by `retreat`.
-    loads : ndarray, shape (3 * bodies,)
-        The caller's: forces and torques to be pushed.
+    `data` is as last fetched; its `before` is what `retreat` writes, its `pushed` the loads.
     """
 
-    def __init__(self, space: Space, bodies: Sequence[int], h: float):
+    def __init__(self, space: Space, bodies: Sequence[int], h: float, bound: FrictionBound, loaded: bool):
         from pymunk import batch
 
         fields, count = batch.BodyFields, len(bodies)
@@ -291,23 +229,14 @@ class _SpaceState:
         if (found := list(memoryview(order.int_buf()).cast("P"))) != expected:
             raise RuntimeError(f"pymunk lists the bodies {found}; expected {expected}, as they were added and the "
                                "static one last")
-        self._present, present = self._buffer(count, 6)
-        self._before, before = self._buffer(count, 6)
-        self._pushed, pushed = self._buffer(count, 3)
-        self.loads = pushed.reshape(-1)
+        # of each body, and behind them of the static one
+        (self._present, present, _), (self._before, before, _), (self._pushed, pushed, _) = (
+            _buffer(width * (count + 1)) for width in (6, 6, 3))
         q, v, a = np.zeros((3, 3 * count))
-        self.motion = SpaceMotion(h=h, present=present, before=before, q=q, v=v, a=a)
+        self.data = SpaceStep(cap=bound.data, h=h, loaded=int(loaded), pushed=pushed[:3 * count], q=q, v=v, a=a,
+                              present=present[:6 * count].reshape(count, 6),
+                              before=before[:6 * count].reshape(count, 6))
         self.fetch()
-
-    @staticmethod
-    def _buffer(count: int, width: int) -> tuple[Buffer, np.ndarray]:
-        """Return a buffer for `width` numbers a body and its memory, shape (count, width), without the static body."""
-        from pymunk.batch import Buffer
-
-        memory = np.zeros((count + 1) * width + _SPARE)
-        buffer = Buffer()
-        buffer.set_float_buf(memory)
-        return buffer, memory[:count * width].reshape(count, width)
 
     def fetch(self) -> None:
         """Read what is present from the space."""
@@ -320,7 +249,7 @@ class _SpaceState:
 
     def restart(self, q: np.ndarray, v: np.ndarray) -> None:
         """Write coordinates and velocities, each of shape (3 * bodies,), to the space, and read them."""
-        self.motion.before[:] = np.hstack((q.reshape(-1, 3), v.reshape(-1, 3)))
+        self.data.before[:] = np.hstack((q.reshape(-1, 3), v.reshape(-1, 3)))
         self.retreat()
         self.fetch()
 
@@ -331,6 +260,8 @@ class _SpaceState:
 
 class _JointStepper(_PymunkStepper):
     """Guides as grooves, friction as capped grooves across them."""
+
+    capped = True
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str] | None = None):
         import pymunk
@@ -344,10 +275,16 @@ class _JointStepper(_PymunkStepper):
             self._add(pymunk.GrooveJoint(base, slider, *ends, guide.slider_point))
             if guide.slider not in fixed:
                 self._add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
-        grooves = [self._friction_groove(guide, turning=guide.guide not in fixed)
-                   for guide in scene.frictional_guides.values()]
-        self._hold_friction(scene, grooves, options["passes"])
-        self.friction = self.cap if grooves else GuideFriction(scene)
+        self._grooves = [self._friction_groove(guide, turning=guide.guide not in fixed)
+                         for guide in scene.frictional_guides.values()]
+        self.friction = self.bound
+
+    def advance(self, caps: Sequence[float]) -> None:
+        for groove, cap in zip(self._grooves, caps):
+            groove.max_force = cap
+        super().advance(caps)
+        for i, groove in enumerate(self._grooves):
+            self.bound.held[i] = groove.impulse / self._h
 
     def _friction_groove(self, guide: Translational, turning: bool) -> GrooveJoint:
         import pymunk
@@ -375,6 +312,7 @@ class _JointStepper(_PymunkStepper):
 class _ContactStepper(_PymunkStepper):
     """Sliders as boxes between the two segments of their guides."""
 
+    capped = False
     friction: CoefficientSwitch
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
@@ -383,10 +321,8 @@ class _ContactStepper(_PymunkStepper):
 
         super().__init__(scene, h, options, {GROUND})
         fields = batch.ArbiterFields
-        self._get_arbiters, self._arbiter_fields = (
-            batch.get_space_arbiters,
-            fields.BODY_A_ID | fields.BODY_B_ID | fields.TOTAL_IMPULSE | fields.NORMAL,
-        )
+        self._get_arbiters = batch.get_space_arbiters
+        self._arbiter_fields = fields.BODY_A_ID | fields.BODY_B_ID | fields.TOTAL_IMPULSE | fields.NORMAL
         space = self._space
         space.collision_slop, space.collision_bias = options["collision_slop"], options["collision_bias"]
         boxes, directions = [], []
@@ -403,12 +339,12 @@ class _ContactStepper(_PymunkStepper):
             if guide.frictional:
                 boxes.append((box, self._named[guide.slider]))
                 directions.append(along / _GROOVE)
-        self._hold_friction(scene, (), passes=1)
         self.friction = CoefficientSwitch(scene)
-        self._arbiters, touching, impulse = _arbiter_buffer(2 * len(scene.guides))
+        pairs = 2 * len(scene.guides)
+        self._arbiters, impulse, touching = _buffer(4 * pairs, 2 * pairs)
         self._contacts = SpaceContacts(
-            contacts=self.friction.data, motion=self._state.motion, along=np.array(directions).reshape(-1, 2),
-            touching=touching, impulse=impulse,
+            contacts=self.friction.data, step=self._state.data, along=np.array(directions).reshape(-1, 2),
+            touching=touching[:2 * pairs].reshape(pairs, 2), impulse=impulse[:4 * pairs].reshape(pairs, 4),
             slider=np.array([list(scene.bodies).index(guide.slider) for guide in scene.frictional_guides.values()],
                             dtype=np.int64),
             identity=np.array([body.id for _, body in boxes], dtype=np.uint64))
@@ -429,18 +365,15 @@ class _ContactStepper(_PymunkStepper):
             finish_space_contacts(self._contacts)
 
 
-def _arbiter_buffer(count: int) -> tuple[Buffer, np.ndarray, np.ndarray]:
-    """A buffer of the library for so many arbiters (pairs of shapes that touch), and its memory.
-
-    `SpaceContacts.touching` and `impulse`.
-    """
+def _buffer(reals: int, names: int = 0) -> tuple[Buffer, np.ndarray, np.ndarray]:
+    """Return a buffer of the library for so many numbers, and names of bodies, and its memory for both."""
     from pymunk.batch import Buffer
 
-    touching, impulse = np.zeros(2 * count + _SPARE, dtype=np.uint64), np.zeros(4 * count + _SPARE)
-    buffer = Buffer()
-    buffer.set_int_buf(touching)
-    buffer.set_float_buf(impulse)
-    return buffer, touching[:2 * count].reshape(count, 2), impulse[:4 * count].reshape(count, 4)
+    buffer, numbers, identities = Buffer(), np.zeros(reals + _SPARE), np.zeros(names + _SPARE, dtype=np.uint64)
+    buffer.set_float_buf(numbers)
+    if names:
+        buffer.set_int_buf(identities)
+    return buffer, numbers, identities
 
 
 def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -469,24 +402,17 @@ def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray
     """
     # ideal guides at both fidelities: boxes have not landed in a first step
     trial = _JointStepper(scene, h, _TRIAL, fixed={GROUND})
-    if (balance := trial.balance) is None:
-        raise ValueError(f"{scene.name}: found neither loads nor friction; expected one of them")
+    balance = trial.bound.balance
     (q, v), share = balance.initial, 1.0 - error_bias ** h
     of_velocity, of_position = (h / 2 * each for each in _least_accelerations(scene, balance))
     trial.begin(q - h * of_position, v + of_velocity)
     trial.step()
-    return (
-        q - share * h * of_position,
-        v + h / 2 * trial.sample().a - (1.0 - share) * of_velocity,
-        trial.cap.data.guides,
-    )
+    return (q - share * h * of_position, v + h / 2 * trial.sample().a - (1.0 - share) * of_velocity,
+            trial.bound.data.guides)
 
 
 def _least_accelerations(scene: Scene, balance: MomentumBalance) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smallest accelerations, in the metric of the masses, that hold constraints and sliders at rest.
-
-    Without laws of drives behind it.
-    """
+    """Return the least accelerations, by masses, that hold constraints and sliders at rest; without laws behind it."""
     balance.assemble(0.0, *balance.initial)
     m, w = balance.data.m, balance.data.w
     slowest = AT_REST * max(m.length_scale, np.abs(balance.initial[1]).max())

@@ -27,6 +27,10 @@ AUDITS = {"none": 0, "sampled": 1, "dense": 32}
 """Instants of each step at which Coulomb's law is verified."""
 
 
+_SPLIT = ("surfaces of a slider: equal mobilization f/(mus N); guides that share a friction: the shortest forces "
+          "within their capacities, else as Lemke's method returns it")
+
+
 class ReferenceEngine(Engine):
     """Zhuang & Wang (2014): HLCP, in three ways.
 
@@ -139,17 +143,11 @@ class ReferenceEngine(Engine):
             breakdown=run.breakdown,
             settings={**scale, "method": chosen["method"], "solver": chosen["solver"],
                       "stabilization": parts[0].stabilization,
-                      "friction_law": self.capabilities.friction_law["joint"],
-                      "hyperstatic_split": "surfaces of a slider: equal mobilization f/(mus N); guides that share a "
-                                           "friction: "
-                                           "the shortest forces within their capacities, else as Lemke's method "
-                                           "returns it"})
+                      "friction_law": self.capabilities.friction_law["joint"], "hyperstatic_split": _SPLIT})
 
 
 def _rows_that_are_motion(run: Run, size: float) -> int:
-    """All rows of a run to its end.
-
-    After a breakdown those before the first that is not finite, or further off the constraints than `size`.
+    """Number of rows; after a breakdown of those before the first that is not finite, or further off than `size`.
 
     A fixed step that is unstable overflows within a step or two, and writes them on its way out.
     """
@@ -169,15 +167,9 @@ def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) ->
     from stiction.reference_impl.friction.solvers import SOLVERS
 
     chosen = {**SETTINGS, "method": _method(dt, rtol), **given}
-    if chosen["method"] not in METHODS:
-        raise InputError(f"reference: method = {chosen['method']!r}; expected one of {', '.join(METHODS)}")
-    if chosen["solver"] not in SOLVERS:
-        raise InputError(f"reference: solver = {chosen['solver']!r}; expected one of {', '.join(SOLVERS)}")
-    if chosen["audit"] not in AUDITS:
-        raise InputError(f"reference: audit = {chosen['audit']!r}; expected one of {', '.join(AUDITS)}")
-    if chosen["stabilization"] not in STABILIZATIONS:
-        raise InputError(f"reference: stabilization = {chosen['stabilization']!r}; expected one of "
-                         f"{', '.join(STABILIZATIONS)}")
+    for key, words in (("method", METHODS), ("solver", SOLVERS), ("audit", AUDITS), ("stabilization", STABILIZATIONS)):
+        if chosen[key] not in words:
+            raise InputError(f"reference: {key} = {chosen[key]!r}; expected one of {', '.join(words)}")
     if chosen["method"] == "textbook":
         for key in ("solver", "stabilization"):
             if chosen[key] != SETTINGS[key]:
@@ -197,13 +189,7 @@ def output_times(t_end: float, step: float) -> np.ndarray:
 
 
 def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int) -> Run:
-    """The paper's scheme as written, as a run.
-
-    Raises
-    ------
-    SceneError
-        For what the paper does not have; see `stiction.reference_impl.paper`.
-    """
+    """The paper's scheme as written, as a run; SceneError for what the paper does not have."""
     from stiction.reference_impl.integration.result import Run
     from stiction.reference_impl.multibody.trajectory_columns import build_columns
     from stiction.reference_impl.paper import March, Paper
@@ -230,23 +216,24 @@ def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, s
 
 @cache
 def _linear_algebra() -> ThreadpoolController:
-    """The thread pools of the libraries that the kernels, which are loaded, take their matrix decompositions from.
-
-    Matrices of a hundred rows lose with more than one thread: ten four-bars took ten times as much CPU with two. The
-    limit lasts as long as a run; before and behind, a program's own linear algebra has the threads it had.
-    """
+    """The thread pools of the kernels' linear algebra: matrices of a hundred rows lose with more than one thread."""
     return ThreadpoolController().select(user_api="blas")
 
 
 @cache
-def compile_kernels() -> float:
+def compile_kernels(*modules: str) -> float:
     """Compile all kernels, or load them from the cache on disk; returns the CPU seconds this took in this process.
 
     A run compiles what it calls for by itself. This is for whoever has runs that are timed, or have a time limit.
+
+    Parameters
+    ----------
+    *modules : str
+        Of `stiction.reference_impl.integration`; without any those of the reference.
     """
     from stiction.reference_impl.compiled.compiling_ahead import compile_all
 
-    for kernels in ("coulomb_audit", "event_driven", "paper_scheme"):
+    for kernels in modules or ("coulomb_audit", "event_driven", "paper_scheme"):
         import_module(f"stiction.reference_impl.integration.{kernels}")
     started = time.process_time()
     compile_all()

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
-from functools import cache
-from importlib import import_module
 from typing import Any
 
 from stiction.engines.protocol import Capabilities, Engine, installed_version
+from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.shared.fixed_step import settings_of, step_of, steps_between_outputs
 from stiction.scenes import InputError, Scene, Trajectory
 
@@ -40,7 +38,7 @@ class MoreauEngine(Engine):
         return dict(SETTINGS)
 
     def prepare(self) -> None:
-        compile_kernels()
+        compile_kernels("moreau")
 
     def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return True
@@ -77,18 +75,6 @@ class MoreauEngine(Engine):
                               run.cost.counters)
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns,
-            cost=cost,
-            termination=run.termination, breakdown=run.breakdown,
+            cost=cost, termination=run.termination, breakdown=run.breakdown,
             settings={"dt": dt, "method": "Moreau midpoint", **options, "clearance [m]": clearance,
                       "friction_law": self.capabilities.friction_law[fidelity]})
-
-
-@cache
-def compile_kernels() -> float:
-    """Compile all kernels, or load them from the cache on disk; returns the CPU seconds this took in this process."""
-    from stiction.reference_impl.compiled.compiling_ahead import compile_all
-
-    import_module("stiction.reference_impl.integration.moreau")
-    started = time.process_time()
-    compile_all()
-    return time.process_time() - started

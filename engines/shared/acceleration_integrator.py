@@ -2,10 +2,9 @@
 
 It tells the error of an engine's equations of motion from that of its stepping. The engine gives accelerations in joint
 coordinates, which fulfil the constraints by themselves. The friction of the guides is decided here, from the reactions
-that belong to those accelerations; the integrator is SciPy's DOP853. While a contact mode lasts, friction is linear in
-the reactions and these in the friction; events are where an event function of
-`stiction.reference_impl.friction.contact_modes` falls through zero at one of the instants of a step at which it is
-sampled.
+that belong to those accelerations; the integrator is SciPy's DOP853. In a contact mode friction is linear in the
+reactions and these in the friction; events are where an event function of
+`stiction.reference_impl.friction.contact_modes` falls through zero between two of the instants at which it is sampled.
 """
 
 from __future__ import annotations
@@ -20,16 +19,19 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.optimize import brentq
 
-from stiction.engines.protocol import EngineFailure
+from stiction.engines.protocol import Engine, EngineFailure, Refused
 from stiction.engines.reference.engine import output_times
 from stiction.engines.shared.engine_clock import EngineClock
+from stiction.engines.shared.fixed_step import columns_of_motion
+from stiction.engines.shared.joint_coordinates import motors_of
+from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, event_functions
 from stiction.reference_impl.friction.coulomb import friction_coefficients
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Cost, Event, InputError, Scene, Trajectory
+from stiction.scenes.laws import evaluate_law
 from stiction.scenes.trajectory import rows_of
 
 METHOD = "accelerations"
@@ -40,8 +42,8 @@ _SAMPLES = 8  # instants of a step at which event functions are looked at
 _MOST_EVENTS = 100  # in a row, without time passing
 
 
-class Accelerations(ABC):
-    """A mechanism in n coordinates of the engine, the displacement of every frictional guide among them.
+class TreeAccelerations(ABC):
+    """An engine's mass matrix and inverse dynamics of a scene's tree of links, of which n coordinates are free.
 
     Attributes
     ----------
@@ -53,20 +55,52 @@ class Accelerations(ABC):
         Of the engine's own calls.
     """
 
-    start: tuple[np.ndarray, np.ndarray]
-    guides: np.ndarray
-    signs: np.ndarray
-
-    def __init__(self) -> None:
+    def __init__(self, scene: Scene):
+        self._tree = tree = LinkTree(scene)
+        if tree.loops:
+            raise Refused(f"joints.{tree.loops[0]}: closes a loop; inverse dynamics are those of a tree")
         self.clock = EngineClock()
+        self._position, velocity = tree.coordinates(scene)
+        self._driven = motors_of(scene, tree, self._position)
+        self._free = np.setdiff1d(np.arange(len(tree.links)), [link for link, *_ in self._driven])
+        self.start = self._position[self._free], velocity[self._free]
+        links = [next(i for i, link in enumerate(tree.links) if link.joint == name) for name in scene.frictional_guides]
+        self.guides = np.searchsorted(self._free, links)
+        self.signs = np.array([tree.links[link].sign for link in links], dtype=float)
+        self._balance = MomentumBalance(scene) if scene.springs or scene.forces else None
 
     @abstractmethod
+    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mass matrix (links, links) and the joint forces (links,) of these accelerations under gravity."""
+
     def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x'' without friction, shape (n,), and what unit forces on the coordinates add, one a column, shape (n, n)."""
+        position, velocity, driven = self._joints(t, x, rate, np.zeros(len(x)))
+        mass, needed = self.dynamics(position, velocity, driven)
+        mobility = np.linalg.inv(mass[np.ix_(self._free, self._free)])
+        force = -needed[self._free]
+        if self._balance is not None:
+            q, v, _ = self._tree.motion(position, velocity, driven)
+            loads = self._balance.loads(t, q, v)
+            still = np.zeros(len(position))
+            for i, link in enumerate(self._free):
+                unit = still.copy()
+                unit[link] = 1.0
+                force[i] += self._tree.motion(position, unit, still)[1] @ loads
+        return mobility @ force, mobility
 
-    @abstractmethod
     def motion(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
         """Coordinates, velocities and accelerations of the bodies, each of shape (3 * bodies,)."""
+        return self._tree.motion(*self._joints(t, x, rate, second))
+
+    def _joints(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Coordinates, rates and accelerations of all joints, those of drives by their laws."""
+        joints = np.zeros((3, len(self._tree.links)))
+        joints[:, self._free] = x, rate, second
+        for link, sign, law, offset in self._driven:
+            joints[:, link] = sign * np.array(evaluate_law(law, t))
+            joints[0, link] += offset
+        return tuple(joints)
 
 
 class _Mode(NamedTuple):
@@ -87,7 +121,7 @@ class _Instant(NamedTuple):
 class _Frictional:
     """Accelerations together with friction."""
 
-    def __init__(self, accelerations: Accelerations, scene: Scene):
+    def __init__(self, accelerations: TreeAccelerations, scene: Scene):
         self.engine, self.calls = accelerations, 0
         constrained = Mechanism(scene, stabilization="none")
         self._m, self.kinks = constrained.arrays, constrained.kinks
@@ -106,8 +140,8 @@ class _Frictional:
         q, v, a = engine.motion(t, x, rate, second)
         self._balance.assemble(t, q, v)
         # normal forces and moments of the guides: constant + slope @ friction
-        constant = np.array(self._balance.reactions(a, np.zeros(count))[:2])
-        slope = np.stack([np.array(self._balance.reactions(engine.motion(t, x, rate, second + add)[2], one)[:2])
+        constant = np.array(self._balance.reactions(a, np.zeros(count)))
+        slope = np.stack([np.array(self._balance.reactions(engine.motion(t, x, rate, second + add)[2], one))
                           - constant
                           for add, one in zip(per_newton.T, np.eye(count))], axis=-1)
         matrix, right = np.eye(count), np.zeros(count)
@@ -133,10 +167,7 @@ class _Frictional:
         return self.engine.signs * y[len(y) // 2:][self.engine.guides]
 
     def at_rest(self, t: float, y: np.ndarray, mode: _Mode, guide: int, held: bool) -> None:
-        """Decide about a guide whose slip velocity is zero but for rounding, in place.
-
-        It sticks if it may be `held` and static friction can do it; else it slips where it is drawn.
-        """
+        """Have a guide at rest stick, in place, if it may be `held` and static friction can; else slip where drawn."""
         y[len(y) // 2:][self.engine.guides[guide]] = 0.0
         mode.slip[guide] = 0
         instant = self.at(t, y, mode)
@@ -189,28 +220,18 @@ class _Record:
 
     def columns(self) -> dict[str, np.ndarray]:
         q, v, a, friction, slip = (np.array(part) for part in zip(*self._rows))
-        known: dict[str, np.ndarray] = {}
-        for i, name in enumerate(self._scene.frictional_guides):
-            known |= {f"{name}.friction": friction[:, i], f"{name}.mode": slip[:, i]}
-        return recover_columns(self._scene, np.array(self.t), q, v, a, known)
+        return columns_of_motion(self._scene, np.array(self.t), q, v, a, slip, friction)
 
 
 def tolerance_of(dt: float | None, rtol: float | None, fidelity: str, settings: Mapping[str, Any]) -> float:
-    """The tolerance, `DEFAULT_TOLERANCE` where none is given; arguments as `Engine.run` got them.
-
-    Raises
-    ------
-    InputError
-        If there is a step, another fidelity than joint, or another setting than the method.
-    """
+    """Return the tolerance; InputError if there is a step, another fidelity than joint, or another setting."""
     if dt is not None or fidelity != "joint" or len(settings) > 1:
         raise InputError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
     return DEFAULT_TOLERANCE if rtol is None else rtol
 
 
-def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, version: str, t_end: float, rtol: float,
-              output_step: float,
-              setup_s: float) -> Trajectory:
+def integrate(accelerations: TreeAccelerations, scene: Scene, engine: Engine, *, t_end: float, rtol: float,
+              output_step: float, setup_s: float) -> Trajectory:
     """Integrate from t = 0 to t_end with local errors of rtol (1 + |x|), in m, rad and their rates.
 
     Parameters
@@ -275,7 +296,7 @@ def integrate(accelerations: Accelerations, scene: Scene, *, engine: str, versio
         events = [Event(sides.t[2 * i], kind, guide, rows[2 * i], rows[2 * i + 1])
                   for i, (kind, guide) in enumerate(switches)]
     return Trajectory(
-        scene=scene.name, engine=engine, version=version, fidelity="joint", t=np.array(samples.t),
+        scene=scene.name, engine=engine.name, version=engine.version, fidelity="joint", t=np.array(samples.t),
         columns=samples.columns(),
         events=tuple(events), settings={"rtol": rtol, "method": METHOD, "friction_law": FRICTION_LAW},
         cost=Cost(setup_s, compiled - started, ended - compiled,

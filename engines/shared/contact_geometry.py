@@ -29,11 +29,8 @@ def contact_refusal(scene: Scene) -> str | None:
 
 def crowded(scene: Scene, most: int, called: str) -> str | None:
     """Why an engine whose collision filters have a bit for each guide cannot keep them apart; None if it can."""
-    return (
-        f"{len(scene.guides)} guides; {called}'s collision filters, which keep them apart, have room for {most}"
-        if len(scene.guides) > most
-        else None
-    )
+    return (f"{len(scene.guides)} guides; {called}'s collision filters, which keep them apart, have room for {most}"
+            if len(scene.guides) > most else None)
 
 
 def several_guides(scene: Scene) -> str | None:
@@ -82,5 +79,4 @@ def slider_box(guide: Translational, clearance: float) -> list[tuple[float, floa
     x0, y0 = guide.slider_point
     length, width = guide.extent
     a, b = length / 2, (width - clearance) / 2
-    return [(x0 + c * x - s * y, y0 + s * x + c * y)
-            for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))]
+    return [(x0 + c * x - s * y, y0 + s * x + c * y) for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))]

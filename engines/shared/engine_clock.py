@@ -68,10 +68,7 @@ class EngineClock:
         self._since, self._next_look = self._began, self._began + INTERVAL
 
     def _share_out(self, now: float) -> None:
-        """Give the engine its part of the CPU time of the interval that ends.
-
-        The look itself is in none: it is where another process may come in.
-        """
+        """Give the engine its part of the CPU time of the interval that ends; the look itself is in none."""
         spent = process_time()
         if now > self._began:
             self._engine_s += (spent - self._spent) * self._inside / (now - self._began)

@@ -5,15 +5,19 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from itertools import islice
 from time import process_time
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from stiction.engines.protocol import BadTrajectory, Engine, EngineFailure, check_settings, check_steps
+from stiction.engines.protocol import (FIDELITIES, BadTrajectory, Capabilities, Engine, EngineFailure, check_settings,
+                                       check_steps)
 from stiction.engines.shared.engine_clock import EngineClock
+from stiction.engines.shared.friction_bound import CAPPED, CONTACT
+from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.reference_impl.multibody.trajectory_columns import guide_motion
@@ -46,11 +50,11 @@ class Stepper(ABC):
     clock : EngineClock
         Its calls are passes: steps of the engine, repeated ones included.
     balanced : bool
-        Whether each pass has a solution of the balance of momentum, for the friction bound.
+        True where each pass has a solution of the balance of momentum, for the friction bound.
     settling : int
-        Samples at the start whose acceleration and friction are those of the one behind them. For engines that hold
-        constraints by velocities: their first steps turn the consistent start into velocities that lead the next
-        position back onto the constraints, and their accelerations, off by O(1), are not the motion's.
+        Samples at the start whose acceleration and friction are those of the one behind them. Engines that hold
+        constraints by velocities turn the consistent start into ones that lead the next position back onto the
+        constraints; the accelerations of these steps, off by O(1), are not the motion's.
     """
 
     settling = 0
@@ -88,42 +92,22 @@ class Stepper(ABC):
                 self.step()
 
 
-def default_step(t_end: float) -> float:
-    """Return the step where none is given, s."""
-    return min(DEFAULT_STEP, DEFAULT_SHARE * t_end)
-
-
 def step_of(dt: float | None, t_end: float) -> float:
-    """The step in seconds; where none is given, `default_step`.
+    """Return the step in seconds; where none is given, `DEFAULT_STEP` or its share of the run.
 
     Raises
     ------
     InputError
-        If a step is given that is not positive or too short.
+        If it is too short for the run.
     """
     if dt is None:
-        dt = default_step(t_end)
-    if not (math.isfinite(dt) and dt > 0):
-        raise InputError(f"dt: found {dt!r}; expected a step in seconds, > 0")
+        dt = min(DEFAULT_STEP, DEFAULT_SHARE * t_end)
     check_steps(t_end, dt)
     return dt
 
 
 def steps_between_outputs(steps: int, wish: float) -> int:
-    """Steps from one output to the next: as many as wished, or less, so that one of them is at the end.
-
-    Parameters
-    ----------
-    steps
-        Of the whole run.
-    wish
-        Distance of the outputs in steps.
-
-    Returns
-    -------
-    int
-        The largest divisor of `steps` that is not above the wish, rounded.
-    """
+    """Steps from one output to the next: the largest divisor of all `steps` that is not above the wish, rounded."""
     wish = min(steps, max(1, round(wish)))
     return next(every for every in range(wish, 0, -1) if steps % every == 0)
 
@@ -134,11 +118,6 @@ Defaults = Mapping[str, int | float | tuple[str, ...]]
 
 def settings_of(given: Mapping[str, Any], defaults: Defaults, engine: str, fidelity: str) -> dict[str, Any]:
     """The engine's settings with those given put in; their type is that of the default.
-
-    Parameters
-    ----------
-    defaults
-        Numbers; or all the words that a setting may be, the default first.
 
     Raises
     ------
@@ -177,66 +156,97 @@ class Grid:
         return Grid(dt, last, steps_between_outputs(last, output_step / dt))
 
 
-def run_steps(engine: Engine, stepper: Stepper, scene: Scene, grid: Grid, *, fidelity: str,
-              settings: Mapping[str, Any], setup_s: float, reach: float) -> Trajectory:
-    """Step over the grid and collect a trajectory.
+class SteppedEngine(Engine):
+    """An engine that makes steps of fixed size and leaves the bound of friction, or its coefficient, to the adapter.
 
-    Parameters
+    Springs, dampers, forces and torques are evaluated by the adapter and applied to the bodies. At contact fidelity
+    normal forces and friction are the engine's contacts; before each step a guide gets mus if its slider stuck or is
+    about to reverse, mu otherwise (`stiction.engines.shared.friction_bound`).
+
+    Attributes
     ----------
-    setup_s : float
-        Seconds of CPU that the stepper took to make.
-    reach : float
-        Displacement in metres up to which the engine's guides go.
-
-    Raises
-    ------
-    EngineFailure
-        If a state is not finite.
-    BadTrajectory
-        If a slider has left its guide.
+    defaults : Mapping
+        By fidelity: settings of its steps, as `settings_of` takes them.
     """
-    dt, last, every = grid.dt, grid.last, grid.every
-    samples = []
-    start = process_time()
-    try:
-        stepper.compile()
-        compile_s, start = process_time() - start, process_time()
-        stepper.clock.start()
-        for sample in islice(stepper.samples(every), last // every + 1):
-            if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
-                raise FloatingPointError("a state is not finite")
-            samples.append(sample)
-    except FloatingPointError as error:
-        raise EngineFailure(f"{engine.name}: {error}, after t = {max(len(samples) - 1, 0) * every * dt:g} s with dt = "
-                            f"{dt:g} s") from error
-    stepping, engine_s, passes = process_time() - start, stepper.clock.engine_s, stepper.clock.calls
-    t = np.arange(0, last + 1, every) * dt
-    q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
-                                for field in ("q", "v", "a", "modes", "friction"))
-    rests = _held_too(scene, q, v, friction, dt)
-    modes, friction = np.where(rests, 0, modes), np.where(rests, np.nan, friction)
+
+    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
+                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance",
+                                order="1")
+    defaults: ClassVar[Mapping[str, Defaults]]
+
+    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+        return settings_of({}, self.defaults[fidelity], self.name, fidelity)
+
+    def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        return "method" not in settings  # its steps
+
+    def reach(self, fidelity: str) -> float:
+        """Displacement in metres up to which its guides go."""
+        return math.inf
+
+    @abstractmethod
+    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any],
+                fidelity: str) -> AbstractContextManager[Stepper]:
+        """Its steps of h seconds, for as long as they are taken; InputError for a setting out of its range."""
+
+    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
+            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        started = process_time()
+        h = step_of(dt, t_end)
+        options = settings_of(settings, self.defaults[fidelity], self.name, fidelity)
+        refuse_off(scene)
+        with self.stepper(scene, h, options, fidelity) as stepper:
+            return self._run_steps(stepper, scene, Grid.of(t_end, h, output_step), fidelity, options,
+                                   process_time() - started)
+
+    def _run_steps(self, stepper: Stepper, scene: Scene, grid: Grid, fidelity: str, settings: Mapping[str, Any],
+                   setup_s: float) -> Trajectory:
+        """Step over the grid and collect a trajectory."""
+        dt, last, every, samples, start = grid.dt, grid.last, grid.every, [], process_time()
+        try:
+            stepper.compile()
+            compile_s, start = process_time() - start, process_time()
+            stepper.clock.start()
+            for sample in islice(stepper.samples(every), last // every + 1):
+                if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
+                    raise FloatingPointError("a state is not finite")
+                samples.append(sample)
+        except FloatingPointError as error:
+            reached = max(len(samples) - 1, 0) * every * dt
+            raise EngineFailure(f"{self.name}: {error}, after t = {reached:g} s with dt = {dt:g} s") from error
+        stepping, engine_s, passes = process_time() - start, stepper.clock.engine_s, stepper.clock.calls
+        t = np.arange(0, last + 1, every) * dt
+        q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
+                                    for field in ("q", "v", "a", "modes", "friction"))
+        rests = _held_too(scene, q, v, friction, dt)
+        columns = columns_of_motion(scene, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction))
+        for name in scene.guides:
+            if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > self.reach(fidelity):
+                raise BadTrajectory(f"{self.name}: {name} is {farthest:g} m from its guide's point; guides end at "
+                                    f"{self.reach(fidelity):g} m")
+        return Trajectory(scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=t,
+                          columns=columns,
+                          settings={"dt": dt, **settings, "friction_law": self.capabilities.friction_law[fidelity]},
+                          cost=Cost(setup_s, compile_s, stepping, {"steps": last + 1, "passes": passes,
+                                                                   "balances": passes * stepper.balanced}, engine_s))
+
+
+def columns_of_motion(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, modes: np.ndarray,
+                      frictions: np.ndarray) -> dict[str, np.ndarray]:
+    """Return all columns of a motion, with a column of modes and frictions (N) for each frictional guide.
+
+    A friction that is NaN is recovered from the balance of momentum.
+    """
     known: dict[str, np.ndarray] = {}
     for i, name in enumerate(scene.frictional_guides):
-        known |= {f"{name}.mode": modes[:, i], f"{name}.friction": friction[:, i]}
-    columns = recover_columns(scene, t, q, v, a, known)
-    for name in scene.guides:
-        if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > reach:
-            raise BadTrajectory(f"{engine.name}: {name} is {farthest:g} m from its guide's point; guides end at "
-                                f"{reach:g} m")
-    return Trajectory(scene=scene.name, engine=engine.name, version=engine.version, fidelity=fidelity, t=t,
-                      columns=columns,
-                      settings={"dt": dt, **settings, "friction_law": engine.capabilities.friction_law[fidelity]},
-                      cost=Cost(setup_s, compile_s, stepping,
-                                {"steps": last + 1, "passes": passes, "balances": passes * stepper.balanced}, engine_s))
+        known |= {f"{name}.mode": modes[:, i], f"{name}.friction": frictions[:, i]}
+    return recover_columns(scene, t, q, v, a, known)
 
 
 def _held_too(scene: Scene, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float) -> np.ndarray:
-    """Guides at their bound that are at rest, shape (n, frictional).
+    """Guides at rest to rounding, shape (n, frictional), where another is held (its friction is nan).
 
-    Another guide is held (its friction is nan), and a step moves them by less than rounding.
-
-    Where guides share a friction at rest the engine gives some of them their bound; the sign of a velocity of 1e-20 m/s
-    is no direction of slip.
+    They share a friction, of which the engine gives some their bound: the sign of 1e-20 m/s is no direction of slip.
     """
     if friction.shape[1] < 2:
         return np.zeros(friction.shape, dtype=bool)

@@ -5,6 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from stiction.engines.protocol import Declined
+from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.subsystems import independent_parts
 from stiction.scenes import Scene
 
 OFF = 1e-6
@@ -14,19 +18,7 @@ size included: a start that is farther off is refused. Scenes of the reference a
 
 
 def refuse_off(scene: Scene) -> None:
-    """Refuse a start off the constraints of its joints and drives; every adapter does before it builds anything.
-
-    Raises
-    ------
-    Declined
-        With the largest residual.
-    """
-    # imported here: what lists engines needs no kernels
-    from stiction.reference_impl.multibody.dynamics import row_form
-    from stiction.reference_impl.multibody.kinematics import workspace
-    from stiction.reference_impl.multibody.mechanism import Mechanism
-    from stiction.reference_impl.multibody.subsystems import independent_parts
-
+    """Raise Declined for a start off the constraints of its joints and drives, with the largest residual."""
     mechanisms = [Mechanism(part, stabilization="none") for part in independent_parts(scene)]
     size = max(mechanism.arrays.length_scale for mechanism in mechanisms)
     rates = [abs(rate) for body in scene.bodies.values() for rate in (*body.velocity, size * body.angular_velocity)]

@@ -1,25 +1,23 @@
 """Steps of engines that know a mechanism as a tree of links with motors in its joints.
 
 A step from t to t + h solves for the accelerations at q(t) under the loads at t, then v(t+h) = v(t) + h a and
-q(t+h) = q(t) + h v(t+h). So a sample at t holds the acceleration of the step that begins at t.
+q(t+h) = q(t) + h v(t+h). So a sample at t holds the acceleration of the step that begins at t. A motor holds the rate
+of a drive's law, constant or such that each step ends on the law; `driven_link` says which joints can have one.
 """
 
 from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
 from stiction.engines.protocol import Refused
-from stiction.engines.shared.acceleration_integrator import Accelerations
-from stiction.engines.shared.contact_friction import ContactFriction
 from stiction.engines.shared.fixed_step import Sample, Stepper
-from stiction.engines.shared.friction_cap import FrictionCap, GuideFriction
-from stiction.engines.shared.inconsistent_start import refuse_off
+from stiction.engines.shared.friction_bound import ContactFriction, FrictionBound, GuideFriction
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.step_kernels import JointStep, begin_joints, finish_joints, motion
 from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.scenes import Scene
@@ -34,12 +32,10 @@ def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
             return f"joints.{name}: closes a loop; the {engine} adapter closes loops by revolute joints only"
     motors: dict[int, str] = {}
     for name, drive in scene.drives.items():
-        found = driven_link(scene, tree, drive)
-        if isinstance(found, str):
+        if isinstance(found := driven_link(scene, tree, drive), str):
             return f"drives.{name}: the {engine} adapter {found}"
-        if found[0] in motors:
-            return f"drives.{name}: drives the same joint as drives.{motors[found[0]]}"
-        motors[found[0]] = name
+        if (other := motors.setdefault(found[0], name)) != name:
+            return f"drives.{name}: drives the same joint as drives.{other}"
     return None
 
 
@@ -65,8 +61,7 @@ def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
     Refused
         If there is none; see `driven_link`.
     """
-    found = driven_link(scene, tree, drive)
-    if isinstance(found, str):
+    if isinstance(found := driven_link(scene, tree, drive), str):
         raise Refused(found)
     return found
 
@@ -86,27 +81,39 @@ def link_along(scene: Scene, tree: LinkTree, bodies: tuple[str, str],
     return None
 
 
+Motor = tuple[int, int, Law, float]
+"""Link and sign of a drive's joint coordinate, the drive's law, and the coordinate where the law is zero."""
+
+
+def motors_of(scene: Scene, tree: LinkTree, position: np.ndarray) -> list[Motor]:
+    """Return the motor of each drive of a scene that begins at this position of the links, shape (links,)."""
+    found = [(*motor_link(scene, tree, drive), drive.law) for drive in scene.drives.values()]
+    return [(link, sign, law, position[link] - sign * evaluate_law(law, 0.0)[0]) for link, sign, law in found]
+
+
+_SETTLING = 16
+"""Steps in which the joints that close loops settle at the position error they keep; measured in PyBullet: to 1e-3 of
+their start's."""
+
+
 class TreeStepper(Stepper):
     """A tree of links with drives and loads, one step ahead of its samples; subclasses have the engine.
+
+    The engine holds the joints of frictional guides by a friction with an upper bound; see `ContactStepper`.
 
     Parameters
     ----------
     scene : Scene
     h : float
         The step, s.
-    tree : LinkTree
-    passes : int
-        As of `FrictionCap`.
-    capped : bool
-        Whether the engine holds the joints of frictional guides by a friction with an upper bound; else its contacts
-        find their friction.
+    options : Mapping
+        Settings; `passes`, if any, as of `FrictionBound`.
 
     Attributes
     ----------
+    fidelity : str
     position, velocity : ndarray, shape (links,)
         Of the joints, to be set after each pass.
-    start : tuple of ndarray, each of shape (links,)
-        The same at the beginning of the step.
     coordinates, loads : ndarray, shape (3 * bodies,)
         Coordinates of the bodies at the beginning of the step, and applied forces in it, weight apart; where anything
         is `loaded`.
@@ -114,98 +121,84 @@ class TreeStepper(Stepper):
         Link of each guide with a bound.
     held : ndarray, shape (frictional,)
         Magnitudes of the frictions of the guides with a bound (N), to be set after each pass.
-    friction : GuideFriction
-        What the steps told of the frictional guides; without a bound `ContactFriction`.
+    rates : dict of int to float
+        Rates of the links that motors turn in the coming pass (m/s or rad/s).
     """
 
-    friction: GuideFriction | ContactFriction
+    fidelity: ClassVar[str] = "joint"
+    friction: GuideFriction
 
-    def __init__(self, scene: Scene, h: float, tree: LinkTree, passes: int, capped: bool = True):
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         super().__init__()
-        refuse_off(scene)
+        tree, capped = LinkTree(scene, self.fidelity), self.fidelity == "joint"
         self.h, self.tree, self._k = h, tree, 0
         self.loaded = bool(scene.springs or scene.forces)
         # of every scene: one that is too large for it is refused before the engine has it
-        self._balance = MomentumBalance(scene)
-        self._cap = FrictionCap(scene, self._balance, passes, capped)
-        self.friction = self._cap if capped else ContactFriction(scene, tree)
-        self.held, self.balanced = self._cap.held, bool(len(self._cap.held))
+        self._bound = FrictionBound(scene, options.get("passes", 1), capped)
+        self.friction = self._bound
+        self.held, self.balanced = self._bound.held, bool(len(self._bound.held))
         link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
         self.friction_links = [link_of_joint[name] for name in scene.frictional_guides] if capped else []
+        self.settling = _SETTLING if tree.loops else 0
         self.joints_are(*tree.coordinates(scene))
-        self._followed: list[tuple[int, int, Law, float]] = []
+        self._motors = motors_of(scene, tree, self.position)
+        self._followed = [motor for motor in self._motors if not isinstance(motor[2], (Constant, Linear))]
+        self.rates: dict[int, float] = {}
 
     def joints_are(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Set the arrays of the joints' coordinates and velocities from now on.
-
-        Arrays of one's own, or the engine's.
-        """
-        links, coordinates = len(self.tree.links), len(self._balance.data.q)
-        self.position, self.velocity, self.loads = position, velocity, self._balance.data.loads
-        *self.start, last_position, last_velocity, acceleration = np.zeros((5, links))
+        """Have the joints' coordinates and velocities in these arrays from now on, of one's own or the engine's."""
+        balance = self._bound.balance.data
+        links, coordinates = len(self.tree.links), len(balance.q)
+        self.position, self.velocity, self.loads = position, velocity, balance.loads
+        *self._start, last_position, last_velocity, acceleration = np.zeros((5, links))
         self.coordinates, v, a = np.zeros((3, coordinates))
         signs = [self.tree.links[link].sign for link in self.friction_links]
-        self._bundle = JointStep(
-            cap=self._cap.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data_of_its_own(),
-            links=np.array(self.friction_links, dtype=np.int64),
-            signs=np.array(signs, dtype=float), position=position, velocity=velocity, start_position=self.start[0],
-            start_velocity=self.start[1],
+        self._data = JointStep(
+            cap=self._bound.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data_of_its_own(),
+            links=np.array(self.friction_links, dtype=np.int64), signs=np.array(signs, dtype=float), position=position,
+            velocity=velocity, start_position=self._start[0], start_velocity=self._start[1],
             last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates,
             v=v, a=a)
 
-    def add_drives(self, scene: Scene) -> None:
-        """Give each drive's joint its motor, by `drive_rate`.
-
-        At constant rate left alone, otherwise set so that each step ends on the law.
-        """
-        for drive in scene.drives.values():
-            link, sign = motor_link(scene, self.tree, drive)
-            if isinstance(drive.law, (Constant, Linear)):
-                self.drive_rate(link, sign * evaluate_law(drive.law, 0.0)[1])
-            else:
-                self._followed.append((link, sign, drive.law, self.position[link]
-                                       - sign * evaluate_law(drive.law, 0.0)[0]))
-
-    @abstractmethod
     def drive_rate(self, link: int, rate: float) -> None:
         """The motor of a joint holds this rate from now on (m/s or rad/s)."""
+        self.rates[link] = rate
 
-    @abstractmethod
     def advance(self, caps: Sequence[float]) -> None:
         """One pass of the engine with these bounds of `friction_links` (N), under `loads`.
 
         Sets position, velocity and `held`.
         """
+        raise NotImplementedError
 
     @abstractmethod
-    def retreat(self) -> None:
-        """Return to `start`."""
+    def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Set the engine's joint coordinates and rates, each of shape (links,)."""
+
+    def _retreat(self) -> None:
+        self.put(*self._start)
 
     def compile(self) -> None:
+        for link, sign, law, _ in self._motors:
+            self.drive_rate(link, sign * evaluate_law(law, 0.0)[1])
         link_kernels(begin_joints, motion, finish_joints)
         self.begin()
         self.friction.begin()
 
     def begin(self) -> None:
         """Begin the first step, from `position` and `velocity`."""
-        begin_joints(self._bundle, 0.0)
+        begin_joints(self._data, 0.0)
 
     def step(self) -> None:
-        if self._followed:
-            t = self._k * self.h + self.h
-            for link, sign, law, offset in self._followed:
-                self.drive_rate(link, (sign * evaluate_law(law, t)[0] + offset - self.position[link]) / self.h)
+        for link, sign, law, offset in self._followed:  # so that the step ends on the law
+            end = sign * evaluate_law(law, self._k * self.h + self.h)[0] + offset
+            self.drive_rate(link, (end - self.position[link]) / self.h)
         self._k += 1
-        next_t = self._k * self.h
-        while True:
-            self.advance(self._cap.caps())
-            if not finish_joints(self._bundle, next_t):
-                return
-            self.retreat()
+        self._bound.step(self.advance, finish_joints, self._data, self._k * self.h, self._retreat)
 
     def sample(self) -> Sample:
         """Return the sample at the beginning of the last step."""
-        step = self._bundle
+        step = self._data
         motion_of_bodies = self.tree.motion(step.last_position, step.last_velocity, step.acceleration)
         return Sample(*motion_of_bodies, self.friction.modes_before(), self.friction.frictions())
 
@@ -214,54 +207,27 @@ class TreeStepper(Stepper):
         return super().samples(every)
 
 
-class TreeAccelerations(Accelerations):
-    """An engine's mass matrix and inverse dynamics of a scene's tree of links; subclasses have the engine."""
+class ContactStepper(TreeStepper):
+    """Steps of a tree whose sliders contacts hold; to be derived from together with an engine's `TreeStepper`."""
 
-    def __init__(self, scene: Scene, tree: LinkTree):
-        if tree.loops:
-            raise Refused(f"joints.{tree.loops[0]}: closes a loop; inverse dynamics are those of a tree")
-        super().__init__()
-        self._tree = tree
-        refuse_off(scene)
-        self._position, velocity = tree.coordinates(scene)
-        self._driven: list[tuple[int, int, Law, float]] = []
-        for drive in scene.drives.values():
-            link, sign = motor_link(scene, tree, drive)
-            self._driven.append((link, sign, drive.law, self._position[link] - sign * evaluate_law(drive.law, 0.0)[0]))
-        self._free = np.setdiff1d(np.arange(len(tree.links)), [link for link, *_ in self._driven])
-        self.start = self._position[self._free], velocity[self._free]
-        links = [next(i for i, link in enumerate(tree.links) if link.joint == name) for name in scene.frictional_guides]
-        self.guides = np.searchsorted(self._free, links)
-        self.signs = np.array([tree.links[link].sign for link in links], dtype=float)
-        self._balance = MomentumBalance(scene) if scene.springs or scene.forces else None
+    fidelity = "contact"
+    friction: ContactFriction
+
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], *engine: Any):
+        super().__init__(scene, h, options, *engine)
+        self.friction = ContactFriction(scene, self.tree)
 
     @abstractmethod
-    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mass matrix (links, links) and the joint forces (links,) of these accelerations under gravity."""
+    def rub(self, coefficients: Sequence[float]) -> None:
+        """Give the contacts of each frictional guide its coefficient of friction."""
 
-    def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        position, velocity, driven = self._joints(t, x, rate, np.zeros(len(x)))
-        mass, needed = self.dynamics(position, velocity, driven)
-        mobility = np.linalg.inv(mass[np.ix_(self._free, self._free)])
-        force = -needed[self._free]
-        if self._balance is not None:
-            q, v, _ = self._tree.motion(position, velocity, driven)
-            loads = self._balance.loads(t, q, v)
-            still = np.zeros(len(position))
-            for i, link in enumerate(self._free):
-                unit = still.copy()
-                unit[link] = 1.0
-                force[i] += self._tree.motion(position, unit, still)[1] @ loads
-        return mobility @ force, mobility
+    @abstractmethod
+    def contact_forces(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Per frictional guide: sums of the magnitudes of its contacts' normal and tangential forces (N)."""
 
-    def motion(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
-        return self._tree.motion(*self._joints(t, x, rate, second))
-
-    def _joints(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Coordinates, rates and accelerations of all joints, those of drives by their laws."""
-        joints = np.zeros((3, len(self._tree.links)))
-        joints[:, self._free] = x, rate, second
-        for link, sign, law, offset in self._driven:
-            joints[:, link] = sign * np.array(evaluate_law(law, t))
-            joints[0, link] += offset
-        return tuple(joints)
+    def advance(self, caps: Sequence[float]) -> None:
+        coefficients = self.friction.coefficients()
+        self.rub(coefficients)
+        super().advance(caps)
+        if coefficients:
+            self.friction.observe(self.position, self.velocity, coefficients, *self.contact_forces())

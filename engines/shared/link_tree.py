@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, hypot, sin
+from math import cos, sin
 
 import numpy as np
 from scipy.cluster.hierarchy import DisjointSet
 
+from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.step_kernels import Tree, motion
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
@@ -26,23 +27,19 @@ class Link:
 
     Attributes
     ----------
-    body : str or None
-        None: without mass, half of a free body's joint.
-    joint : str or None
-        The scene's joint.
+    body, joint : str or None
+        The scene's; a link without body has no mass, and is half of a free body's joint.
     parent : int
         Index of the parent link; -1 is the ground.
     slides : bool
         Along `axis` (axes of this link) or, if not, turns.
-    anchor : tuple of float
-        The joint's point in the parent, from the parent's centre of mass (m).
-    point : tuple of float
-        The joint's point in this link, from its centre of mass (m).
+    anchor, point : tuple of float
+        The joint's point in the parent and in this link, from their centres of mass (m).
     angle : float
         Angle of this link minus that of the parent at joint coordinate 0.
     sign : int
-        +1 if the joint coordinate grows as the scene's does (displacement of a guide; angle of the first body
-        minus that of the second), -1 if against it.
+        +1 if the joint coordinate grows as the scene's does (displacement of a guide; angle of the first body minus
+        that of the second), -1 if against it.
     """
 
     body: str | None
@@ -65,10 +62,10 @@ class LinkTree:
     Parameters
     ----------
     scene : Scene
-    free : set of str
-        Names of joints that are left out.
-    roots : sequence of str
-        Bodies that hang from the ground themselves: joints that tie one to another, or to the ground, close a loop.
+    fidelity : str
+        At ``"contact"`` guides are no joints, and each slider hangs from the ground itself: what a step leaves of J' v,
+        J the Jacobian of the contacts at its start, would move a slider that hangs on a turning body along its surface,
+        and off it. Joints that tie sliders to each other, or to the ground, close loops then.
 
     Attributes
     ----------
@@ -81,7 +78,9 @@ class LinkTree:
         For `stiction.engines.shared.step_kernels.motion` and its relatives.
     """
 
-    def __init__(self, scene: Scene, free: frozenset[str] = frozenset(), roots: Sequence[str] = ()):
+    def __init__(self, scene: Scene, fidelity: str = "joint"):
+        free = scene.guides if fidelity == "contact" else {}
+        roots = [guide.slider for guide in free.values()]
         driven = {frozenset(drive.bodies) for drive in scene.drives.values() if drive.type == "angle"}
 
         def rank(name: str) -> int:
@@ -138,8 +137,7 @@ class LinkTree:
             point, anchor = joint.points if first else joint.points[::-1]
             link = Link(*common, slides=False, anchor=anchor, point=point, sign=sign)
         else:
-            length = hypot(*joint.direction)
-            ux, uy = joint.direction[0] / length, joint.direction[1] / length
+            ux, uy = direction_of(joint)
             if first:  # the guide's direction in the slider's axes
                 c, s = cos(joint.angle), sin(joint.angle)
                 link = Link(*common, slides=True, axis=(c * ux + s * uy, -s * ux + c * uy), anchor=joint.point,
@@ -149,6 +147,17 @@ class LinkTree:
                             angle=-joint.angle, sign=sign)
         self.link_of[child] = len(self.links)
         self.links.append(link)
+
+    def place(self, i: int) -> np.ndarray:
+        """The joint of a link in the frame of its parent, shape (3,)."""
+        link = self.links[i]
+        origin = self.links[link.parent].point if link.parent >= 0 else (0.0, 0.0)
+        return np.array([link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0])
+
+    def centre(self, i: int) -> np.ndarray:
+        """The centre of mass of a link in its frame, shape (3,)."""
+        x, y = self.links[i].point
+        return np.array([-x, -y, 0.0])
 
     def coordinates(self, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
         """Joint coordinates and velocities of the scene's start, each of shape (links,)."""

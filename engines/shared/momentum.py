@@ -1,7 +1,7 @@
 """The balance of momentum at one instant, for adapters that need it while their engine steps.
 
-The rows are those of the reference's kinematics; what is solved here is only the friction bound's part: the
-reactions of the guides that belong to accelerations which the engine has found.
+The rows are those of the reference's kinematics; what is solved here is only the friction bound's part: the reactions
+of the guides that belong to accelerations which the engine has found.
 """
 
 from __future__ import annotations
@@ -18,10 +18,6 @@ from stiction.scenes import Scene
 class MomentumBalance:
     """`M a - Q = J^T lambda + T f` of a scene.
 
-    Parameters
-    ----------
-    scene : Scene
-
     Attributes
     ----------
     initial : tuple of ndarray, each of shape (3 * bodies,)
@@ -34,37 +30,33 @@ class MomentumBalance:
         mechanism = Mechanism(scene, stabilization="none")
         self.initial = mechanism.initial_state()
         m = mechanism.arrays
-        frictional = len(m.friction)
-        bodies = np.full((m.rows + frictional, 2), -1)
+        frictional, coordinates = len(m.friction), len(m.inverse_mass)
+        rows = m.rows + frictional
+        self.data = Balance.zeros(
+            m=m, w=workspace(m), mass=coordinates, bodies=(rows, 2), known=frictional, unit=2 * rows, unknown=rows,
+            system=(rows, rows), work=(rows, rows), **dict.fromkeys(("q", "v", "loads", "excess"), coordinates),
+            **dict.fromkeys(("force", "right", "solution", "least_squares"), rows))
+        self.data.mass[:], self.data.bodies[:] = 1.0 / m.inverse_mass, -1
         for place, row, body in m.block:
-            bodies[row, place % 6 // 3] = body // 3
-        coordinates, rows = len(m.inverse_mass), m.rows + frictional
-        q, v, loads, excess = np.zeros((4, coordinates))
-        force, right, solution, least_squares = np.zeros((4, rows))
-        system, work = np.zeros((2, rows, rows))
-        self.data = Balance(m=m, w=workspace(m), mass=1.0 / m.inverse_mass, bodies=bodies, q=q, v=v, loads=loads,
-                            force=force,
-                            known=np.zeros(frictional), excess=excess, right=right, solution=solution,
-                            least_squares=least_squares,
-                            unit=np.zeros(2 * rows), unknown=np.zeros(rows, dtype=np.int64), system=system, work=work)
+            self.data.bodies[row, place % 6 // 3] = body // 3
 
     def compile(self) -> None:
         """Compile the kernels, or load them."""
         link_kernels(applied_loads, assemble, row_forces)
 
-    def loads(self, t: float, q: np.ndarray, v: np.ndarray, ahead: float = 0.0) -> np.ndarray:
-        """Generalized forces (N, N, N m a body) of springs, dampers, forces and torques at q + ahead v; weight apart.
+    def loads(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Generalized forces (N, N, N m a body) of springs, dampers, forces and torques at q; weight apart.
 
         The array is written anew by each call.
         """
-        applied_loads(self.data, t, q, v, ahead)
+        applied_loads(self.data, t, q, v, 0.0)
         return self.data.loads
 
     def assemble(self, t: float, q: np.ndarray, v: np.ndarray) -> None:
         """Make `reactions` refer to this instant."""
         assemble(self.data, t, q, v, 0.0)
 
-    def reactions(self, a: np.ndarray, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def reactions(self, a: np.ndarray, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Reactions of the frictional guides: least squares in the metric of the masses, minimum norm.
 
         Parameters
@@ -76,10 +68,10 @@ class MomentumBalance:
 
         Returns
         -------
-        normal_force, moment, friction : ndarray, each of shape (frictional,)
-            Force on the slider along the normal (N), moment on it about its point (N m), friction (N).
+        normal_force, moment : ndarray, each of shape (frictional,)
+            Force on the slider along the normal (N), moment on it about its point (N m).
         """
         m, force = self.data.m, self.data.force
         self.data.known[:] = friction
         row_forces(self.data, a)
-        return force[m.friction["row"]], force[m.friction["row"] + 1], force[m.rows:].copy()
+        return force[m.friction["row"]], force[m.friction["row"] + 1]

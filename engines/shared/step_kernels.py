@@ -29,14 +29,11 @@ that load each other is off by the root of the step."""
 LOOK_AHEAD = 1.5
 """A reversal is expected within this many steps at the last step's change of velocity."""
 
-GUIDE = np.dtype([("mu", float), ("mus", float), ("length", float), ("width", float),
-                  ("normal_force", float), ("moment", float), ("friction", float), ("stuck", np.int64),
-                  ("landed", np.int64),
-                  ("slip_speed", float), ("slip_speed_before", float), ("change", float), ("mode", np.int64),
-                  ("mode_before", np.int64),
-                  ("coefficient", float), ("cap", float)])
-"""A frictional guide (m; length 0: without) and what the last step told of it: N, N m, m/s; `change` of the slip speed
-in it; `mode` -1, 0 (stick), 1 in it, and in the one before."""
+GUIDE = np.dtype([*((name, float) for name in ("mu", "mus", "length", "width", "normal_force", "moment", "friction",
+                                               "slip_speed", "slip_speed_before", "change", "coefficient", "cap")),
+                  *((name, np.int64) for name in ("stuck", "landed", "mode", "mode_before"))])
+"""A frictional guide (m; length 0: without) and its state in the last step: N, N m, m/s; `change` of the slip speed in
+it; `mode` -1, 0 (stick), 1 in it, and in the one before."""
 Guides = Annotated[np.ndarray, GUIDE, 1]
 
 
@@ -50,22 +47,9 @@ class Attempts(Record):
 class Balance(Bundle):
     """The balance of momentum of a scene at an instant, `M a - Q = J^T lambda + T f`.
 
-    Attributes
-    ----------
-    m, w : Arrays, Workspace
-        Of the reference.
-    mass : (3 * bodies,)
-    bodies : (rows + frictional, 2)
-        Of each row.
-    q, v : (3 * bodies,)
-        Of the instant.
-    loads : (3 * bodies,)
-        Applied forces in it, weight apart.
-    force : (rows + frictional,)
-        Row forces, then frictions, as last found.
-    known : (frictional,)
-        Frictions that are given, NaN where they are to be found.
-    excess, right, solution, least_squares, unit, unknown, system, work : scratch for `row_forces`.
+    Masses, coordinates, rates and applied forces without weight are (3 * bodies,); `bodies` (rows + frictional, 2) are
+    those of each row; `force` (rows + frictional,) row forces, then frictions, as last found; `known` (frictional,)
+    frictions that are given, NaN where they are to be found. The rest is scratch of `row_forces`.
     """
 
     m: Arrays
@@ -88,10 +72,7 @@ class Balance(Bundle):
 
 
 class Cap(Bundle):
-    """Guides whose friction is capped, of a balance.
-
-    Attempts at an undecided step, those that are left, caps and frictions held (frictional,), N.
-    """
+    """Guides whose friction is capped, of a balance: attempts at an undecided step, caps and frictions held (N)."""
 
     balance: Balance
     guides: Guides
@@ -102,7 +83,7 @@ class Cap(Bundle):
 
 
 class Contacts(Bundle):
-    """Guides whose friction the engine finds itself, and what its last step told of them, (frictional,).
+    """Guides whose friction the engine finds itself, and the last step of each.
 
     Sums over the contacts of the largest possible and of the actual magnitude of friction (N), and slip speeds (m/s).
     """
@@ -133,20 +114,18 @@ class Tree(Bundle):
     a: Table
 
 
-class SpaceMotion(Bundle):
-    """Motion of the bodies by an engine, from step to step.
+class SpaceStep(Bundle):
+    """A step of h seconds in the bodies' coordinates, whose forces are those at its end.
 
-    Attributes
-    ----------
-    h : float
-        The step, s.
-    present, before : (bodies, 6)
-        Positions, angles, and their rates, as the engine has left them, and at the beginning of the step.
-    q, v, a : (3 * bodies,)
-        After the last pass, and the acceleration of its step.
+    `loaded` is 1 if anything but weight acts on the bodies: `pushed`, (3 * bodies,), for the engine. `present` and
+    `before` (bodies, 6): positions, angles, and their rates, as the engine has left them, and at the step's beginning.
+    q, v, a (3 * bodies,): after the last pass, and the acceleration of its step.
     """
 
+    cap: Cap
     h: float
+    loaded: int
+    pushed: Reals
     present: Table
     before: Table
     q: Reals
@@ -154,44 +133,16 @@ class SpaceMotion(Bundle):
     a: Reals
 
 
-class SpaceStep(Bundle):
-    """A step in the bodies' coordinates, whose forces are those at its end.
-
-    Attributes
-    ----------
-    motion : SpaceMotion
-    cap : Cap
-        Without guides for an engine that finds their friction itself.
-    loaded : int
-        1 if anything but weight acts on the bodies.
-    pushed : (3 * bodies,)
-        Loads for the engine.
-    """
-
-    motion: SpaceMotion
-    cap: Cap
-    loaded: int
-    pushed: Reals
-
-
 class SpaceContacts(Bundle):
-    """Contacts of an engine that tells them two bodies at a time.
+    """Contacts of an engine that reports them two bodies at a time.
 
-    Attributes
-    ----------
-    contacts : Contacts
-    motion : SpaceMotion
-    slider : (frictional,)
-        Body of each guide's slider, in `identity` the engine's name for it, in `along` (frictional, 2) the unit vector
-        of the guide.
-    touching : (pairs, 2)
-        Names of the two bodies of a pair.
-    impulse : (pairs, 4)
-        Of the step (N s): x, y, and the contact's normal. Zero where there is no such pair.
+    By frictional guide: the body of the slider, the engine's name of it (`identity`), the unit vector of the guide
+    (`along`). By pair: names of the two bodies (`touching`), and the `impulse` of the step (N s): x, y, and the
+    contact's normal; zero where there is no such pair.
     """
 
     contacts: Contacts
-    motion: SpaceMotion
+    step: SpaceStep
     slider: Integers
     identity: Annotated[np.ndarray, np.uint64, 1]
     along: Table
@@ -200,26 +151,12 @@ class SpaceContacts(Bundle):
 
 
 class JointStep(Bundle):
-    """A step in the joint coordinates of a tree, whose forces are those at its start.
+    """A step of h seconds in the joint coordinates of a tree, whose forces are those at its start.
 
-    Attributes
-    ----------
-    cap : Cap
-        Without guides for an engine that finds their friction itself.
-    h : float
-        The step, s.
-    loaded : int
-        1 if anything but weight acts on the bodies.
-    links : (frictional,)
-        Of the guides, and in `signs` whether their coordinate is the displacement (1) or runs against it (-1).
-    position, velocity : (links,)
-        As the engine has left them.
-    start_position, start_velocity : (links,)
-        At the beginning of the step that is about to be made.
-    last_position, last_velocity, acceleration : (links,)
-        At the beginning of the last step, and in it.
-    q, v, a : (3 * bodies,)
-        Of the bodies, at `start_position`; `a` is scratch.
+    `loaded` is 1 if anything but weight acts on the bodies. `links`, `signs`: of the guides with a cap, and 1, or -1
+    where the link's coordinate runs against the displacement. By link: `position`, `velocity` as the engine has left
+    them; at the start of the step that is about to be made; at that of the last one, and the acceleration in it.
+    q, v, a (3 * bodies,): of the bodies, at `start_position`; `a` is scratch.
     """
 
     cap: Cap
@@ -249,11 +186,6 @@ def _place(balance, q, v, ahead):
 @kernel
 def applied_loads(balance: Balance, t: float, q: Reals, v: Reals, ahead: float) -> None:
     """Applied forces without weight into the loads of a balance, at q + ahead v."""
-    _find_loads(balance, t, q, v, ahead)
-
-
-@kernel
-def _find_loads(balance, t, q, v, ahead):
     m, w, loads = balance.m, balance.w, balance.loads
     _place(balance, q, v, ahead)
     rotate(m, w, balance.q)
@@ -298,14 +230,8 @@ def row_forces(balance: Balance, a: Reals) -> None:
         for r in range(size):
             force[r] = np.nan
         return
-    unknown, system, work, solution, least_squares, n = (
-        balance.unknown,
-        balance.system,
-        balance.work,
-        balance.solution,
-        balance.least_squares,
-        0,
-    )
+    unknown, system, work = balance.unknown, balance.system, balance.work
+    solution, least_squares, n = balance.solution, balance.least_squares, 0
     for r in range(size):
         if r >= rows and not np.isnan(known[r - rows]):
             force[r] = known[r - rows]
@@ -399,11 +325,8 @@ def _judge(cap, a):
     row_forces(balance, a)
     for i in range(len(guides)):
         guide, row = guides[i], m.friction[i].row
-        guide.normal_force, guide.moment, guide.friction = (
-            balance.force[row],
-            balance.force[row + 1],
-            balance.force[m.rows + i],
-        )
+        guide.normal_force, guide.moment = balance.force[row], balance.force[row + 1]
+        guide.friction = balance.force[m.rows + i]
     attempts.left -= 1
     repeat = attempts.left > 0
     if attempts.left == 0:  # what did not stick with the static coefficient slips with the kinetic one
@@ -423,7 +346,14 @@ def _judge(cap, a):
 
 
 @kernel
-def _observe(contacts):
+def begin_contacts(contacts: Contacts) -> None:
+    """Begin the first step of contacts."""
+    _choose(contacts.guides)
+
+
+@kernel
+def finish_contacts(contacts: Contacts) -> None:
+    """Take in a step of contacts; the next one has begun."""
     guides, loads, frictions, slip_speeds = contacts.guides, contacts.loads, contacts.frictions, contacts.slip_speeds
     for i in range(len(guides)):
         guide = guides[i]
@@ -436,86 +366,57 @@ def _observe(contacts):
 
 
 @kernel
-def begin_contacts(contacts: Contacts) -> None:
-    """Begin the first step of contacts."""
-    _choose(contacts.guides)
-
-
-@kernel
-def finish_contacts(contacts: Contacts) -> None:
-    """Take in a step of contacts; the next one has begun."""
-    _observe(contacts)
-
-
-@kernel
-def finish_space_contacts(step: SpaceContacts) -> None:
+def finish_space_contacts(touch: SpaceContacts) -> None:
     """Take in a step, and forget its impulses; the next one has begun."""
-    contacts, motion, touching, impulse = step.contacts, step.motion, step.touching, step.impulse
+    contacts, step, touching, impulse = touch.contacts, touch.step, touch.touching, touch.impulse
     for i in range(len(contacts.guides)):
-        along, across, v = 0.0, 0.0, 3 * step.slider[i]
+        along, across, v = 0.0, 0.0, 3 * touch.slider[i]
         for k in range(len(touching)):
-            if touching[k, 0] == step.identity[i] or touching[k, 1] == step.identity[i]:
+            if touching[k, 0] == touch.identity[i] or touching[k, 1] == touch.identity[i]:
                 jx, jy, nx, ny = impulse[k, 0], impulse[k, 1], impulse[k, 2], impulse[k, 3]
                 along += abs(nx * jx + ny * jy)
                 across += abs(nx * jy - ny * jx)
-        contacts.loads[i], contacts.frictions[i] = contacts.guides[i].coefficient * along / motion.h, across / motion.h
-        contacts.slip_speeds[i] = step.along[i, 0] * motion.v[v] + step.along[i, 1] * motion.v[v + 1]
+        contacts.loads[i], contacts.frictions[i] = contacts.guides[i].coefficient * along / step.h, across / step.h
+        contacts.slip_speeds[i] = touch.along[i, 0] * step.v[v] + touch.along[i, 1] * step.v[v + 1]
     impulse[:] = 0.0
-    _observe(contacts)
+    finish_contacts(contacts)
 
 
 @kernel
-def _read_space(motion):
-    present, before = motion.present, motion.before
+def _read_space(step):
+    present, before = step.present, step.before
     for body in range(len(present)):
         for k in range(3):
             i = 3 * body + k
-            motion.q[i], motion.v[i] = present[body, k], present[body, 3 + k]
-            motion.a[i] = (motion.v[i] - before[body, 3 + k]) / motion.h
-
-
-@kernel
-def _keep_space(motion):
-    for body in range(len(motion.present)):
-        for k in range(6):
-            motion.before[body, k] = motion.present[body, k]
-
-
-@kernel
-def follow_space(motion: SpaceMotion) -> None:
-    """Take in a step on which nothing depends."""
-    _read_space(motion)
-    _keep_space(motion)
-
-
-@kernel
-def _begin_space(step, t):
-    cap, motion = step.cap, step.motion
-    _keep_space(motion)
-    if len(cap.guides):
-        _begin(cap, t, motion.q, motion.v, motion.h)
-    elif step.loaded:
-        _find_loads(cap.balance, t, motion.q, motion.v, motion.h)
-    copy(cap.balance.loads, step.pushed)
+            step.q[i], step.v[i] = present[body, k], present[body, 3 + k]
+            step.a[i] = (step.v[i] - before[body, 3 + k]) / step.h
 
 
 @kernel
 def begin_space(step: SpaceStep, t: float) -> None:
-    """Begin the first step, which ends at t."""
-    _read_space(step.motion)
-    _begin_space(step, t)
+    """Begin a step, which ends at t, at what is present."""
+    cap = step.cap
+    _read_space(step)
+    for body in range(len(step.present)):
+        for k in range(6):
+            step.before[body, k] = step.present[body, k]
+    if len(cap.guides):
+        _begin(cap, t, step.q, step.v, step.h)
+    elif step.loaded:
+        applied_loads(cap.balance, t, step.q, step.v, step.h)
+    copy(cap.balance.loads, step.pushed)
 
 
 @kernel
 def finish_space(step: SpaceStep, t: float) -> bool:
     """Take in a pass; True if the step is to be repeated. If not, the next one, which ends at t, has begun."""
-    motion, balance, guides = step.motion, step.cap.balance, step.cap.guides
-    _read_space(motion)
+    balance, guides = step.cap.balance, step.cap.guides
+    _read_space(step)
     for i in range(len(guides)):
-        guides[i].slip_speed = _row_product(balance, balance.m.rows + i, motion.v)
-    if len(guides) and _judge(step.cap, motion.a):
+        guides[i].slip_speed = _row_product(balance, balance.m.rows + i, step.v)
+    if len(guides) and _judge(step.cap, step.a):
         return True
-    _begin_space(step, t)
+    begin_space(step, t)
     return False
 
 
@@ -528,16 +429,8 @@ def _turned(x, y, angle):
 @kernel
 def _move(tree, position, velocity, bodies_q, bodies_v):
     """Coordinates and velocities of links and bodies."""
-    parent, axis, anchor, point, order, arm, q, v = (
-        tree.parent,
-        tree.axis,
-        tree.anchor,
-        tree.point,
-        tree.order,
-        tree.arm,
-        tree.q,
-        tree.v,
-    )
+    parent, axis, anchor, point, order = tree.parent, tree.axis, tree.anchor, tree.point, tree.order
+    arm, q, v = tree.arm, tree.q, tree.v
     for i in range(len(parent)):
         x, y, th, vx, vy, om, p = anchor[i, 0], anchor[i, 1], 0.0, 0.0, 0.0, 0.0, parent[i]
         if p >= 0:
@@ -593,7 +486,8 @@ def motion(tree: Tree, position: Reals, velocity: Reals, acceleration: Reals, q:
 
 
 @kernel
-def _begin_joints(step, t):
+def begin_joints(step: JointStep, t: float) -> None:
+    """Begin a step, at t."""
     copy(step.position, step.start_position)
     copy(step.velocity, step.start_velocity)
     capped = len(step.cap.guides) > 0
@@ -602,13 +496,7 @@ def _begin_joints(step, t):
     if capped:
         _begin(step.cap, t, step.q, step.v, 0.0)
     elif step.loaded:
-        _find_loads(step.cap.balance, t, step.q, step.v, 0.0)
-
-
-@kernel
-def begin_joints(step: JointStep, t: float) -> None:
-    """Begin the first step, at t."""
-    _begin_joints(step, t)
+        applied_loads(step.cap.balance, t, step.q, step.v, 0.0)
 
 
 @kernel
@@ -625,5 +513,5 @@ def finish_joints(step: JointStep, t: float) -> bool:
             return True
     copy(step.start_position, step.last_position)
     copy(before, step.last_velocity)
-    _begin_joints(step, t)
+    begin_joints(step, t)
     return False

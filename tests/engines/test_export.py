@@ -15,8 +15,8 @@ from stiction.engines.exudyn.engine import scene_as_script
 from stiction.engines.mujoco.engine import scene_as_mjcf
 from stiction.engines.pybullet.urdf import urdf
 from stiction.engines.shared.joint_coordinates import driven_link
+from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.tree_engine import tree_of
 from stiction.scenes import load_scene
 from stiction.scenes.laws import evaluate_law
 
@@ -61,8 +61,8 @@ def _scene(name, folder):
 
 def _recorded(engine, scene, fidelity, steps, bounds):
     """The tree of a scene, the motion of an engine's adapter, and the bounds of each step's last pass."""
-    tree, settings, motion = tree_of(scene, fidelity), [], []
-    with engine.stepper(scene, tree, STEP, engine.default_settings(fidelity), fidelity) as stepper:
+    tree, settings, motion = LinkTree(scene, fidelity), [], []
+    with engine.stepper(scene, STEP, engine.default_settings(fidelity), fidelity) as stepper:
         stepper.compile()
         advance = stepper.advance
 

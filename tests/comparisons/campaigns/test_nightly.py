@@ -26,7 +26,7 @@ from stiction.comparisons.timing import older_code
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL, ControlRefused, times_in_turns
 from stiction.comparisons.truth import PROVEN
 from stiction.engines.registry import BUILT_IN
-from stiction.engines.shared.friction_cap import FrictionCap
+from stiction.engines.shared.friction_bound import FrictionBound
 from stiction.scenes import vary
 
 ROOT = Path(__file__).parents[3]
@@ -414,12 +414,12 @@ def test_an_engine_whose_friction_is_one_percent_off_is_found(folder, in_this_pr
                                         f'[check]\nscenes = [{CASE}]\nvariants = []\nevery = [{CASE}]\n')
     assert invoke("baseline", "update", "pymunk.toml", "--file", "b.toml", "--reason", "first").exit_code == FINE
     assert invoke("check", "pymunk.toml", "--baseline", "b.toml").exit_code == FINE
-    kept = FrictionCap.__init__
+    kept = FrictionBound.__init__
 
     def damaged(self, scene, *others, **options):
         guide = scene.guides["guide"]
         kept(self, vary(scene, {"guide.mu": 1.01 * guide.mu, "guide.mus": 1.01 * guide.mus}), *others, **options)
 
-    monkeypatch.setattr(FrictionCap, "__init__", damaged)
+    monkeypatch.setattr(FrictionBound, "__init__", damaged)
     ended = invoke("check", "pymunk.toml", "--baseline", "b.toml")
     assert ended.exit_code == REGRESSED and ("regression", PATH) in lines(ended.output), ended.output

@@ -10,7 +10,7 @@ from stiction.comparisons.hard.other_units import Units, scaled
 from stiction.comparisons.truth import (moving_guide_truth, oscillator_truth, slider_bar_truth, slider_crank_truth,
                                         trammel_truth)
 from stiction.engines import BadTrajectory, EngineFailure, Refused
-from stiction.engines.protocol import Declined
+from stiction.engines.protocol import FIDELITIES, Declined
 from stiction.scenes import load_scene, scene_from_dict, vary
 
 G = 9.81
@@ -27,11 +27,6 @@ faster than it rises."""
 
 @pytest.fixture(params=["pymunk", "pybullet", "mujoco", "drake", "dart"])
 def engine(request):
-    return installed(request.param)
-
-
-@pytest.fixture(params=["pymunk", "pybullet", "mujoco", "drake", "dart"])
-def contact_engine(request):
     return installed(request.param)
 
 
@@ -91,12 +86,12 @@ class TestSliderBar:
         np.testing.assert_allclose(run["guide.F1"] + run["guide.F2"] - run["guide.F3"] - run["guide.F4"],
                                    run["guide.normal_force"], atol=1e-9)  # rounding of forces of 100 N
 
-    def test_contact_fidelity(self, contact_engine, truths):
+    def test_contact_fidelity(self, engine, truths):
         """A box in a guide is the same mechanism: same motion, to the order of the step times 1 m/s."""
-        run = contact_engine.simulate(load_scene("slider-bar-case-1"), t_end=8.0, dt=1e-3, fidelity="contact",
+        run = engine.simulate(load_scene("slider-bar-case-1"), t_end=8.0, dt=1e-3, fidelity="contact",
                               output_step=0.05)
         assert run.fidelity == "contact"
-        late = 2 if contact_engine.name == "drake" else 1  # steps; a break-away waits for the speed at which Drake's regularized friction is whole
+        late = 2 if engine.name == "drake" else 1  # steps; a break-away waits for the speed at which Drake's regularized friction is whole
         assert largest_error(run, truths[1], "slider.x") < late * 1e-3
         assert run["drift.position"].max() < 1e-3  # metres and radians that the box sinks and tilts
 
@@ -107,11 +102,10 @@ class TestSliderBar:
         runs = [installed(name).simulate(load_scene(f"slider-bar-case-{case}"), t_end=4.0, dt=dt, fidelity="contact", output_step=0.02) for dt in (4e-3, 1e-3)]
         assert order([largest_error(run, truths[case], "slider.x") for run in runs], 4.0) > 0.8
 
-    def test_repeats_to_the_bit(self, engine):
-        for fidelity in engine.capabilities.fidelities:
-            one, two = (engine.simulate(load_scene("slider-bar-case-1"), t_end=1.0, dt=5e-3, fidelity=fidelity)
-                        for _ in range(2))
-            assert all(np.array_equal(one[name], two[name]) for name in one.columns)
+    @pytest.mark.parametrize("fidelity", FIDELITIES)
+    def test_repeats_to_the_bit(self, engine, fidelity):
+        one, two = (engine.simulate(load_scene("slider-bar-case-1"), t_end=1.0, dt=5e-3, fidelity=fidelity) for _ in range(2))
+        assert all(np.array_equal(one[name], two[name]) for name in one.columns)
 
 
 class TestFriction:
@@ -120,8 +114,6 @@ class TestFriction:
         (0.299, False, "joint"), (0.301, True, "joint"),
         (0.25, False, "contact"), (0.4, True, "contact")])  # a box may be wedged: surfaces that press on each other
     def test_incline(self, engine, tangent, slides, fidelity, side):
-        if fidelity not in engine.capabilities.fidelities:
-            pytest.skip(f"{engine.name} has no {fidelity} fidelity")
         """Sticks iff tan <= mus = 0.3; slides with g (sin - mu cos). Flat box: friction does not tip it."""
         tangent *= side
         dt, t_end = 1e-3, 0.5
@@ -132,35 +124,35 @@ class TestFriction:
         # three steps at most without friction (boxes land first) or with mus (while stick is undecided)
         assert run["guide.slip_velocity"][-1] == pytest.approx(rate * t_end, abs=3 * dt * G * 0.3 if slides else creep[engine.name])
 
-    def test_blocks_beside_each_other_touch_their_own_guides_only(self, contact_engine):
+    def test_blocks_beside_each_other_touch_their_own_guides_only(self, engine):
         """Each lies behind the other's surfaces; each is braked by mu g."""
         dt, mu = 1e-3, {"low": 0.2, "high": 0.4}
         scene = scene_from_dict({
             "gravity": [0.0, -G], "bodies": {name: {"mass": 2, "inertia": 0.1, "position": [0, i], "velocity": [1, 0]} for i, name in enumerate(mu)},
             "joints": {f"{name}-guide": {"type": "translational", "slider": name, "direction": [1, 0], "point": [0, i], "length": 0.6, "width": 0.1, "mu": mu[name]}
                        for i, name in enumerate(mu)}})
-        run = contact_engine.simulate(scene, t_end=0.2, dt=dt, fidelity="contact")
+        run = engine.simulate(scene, t_end=0.2, dt=dt, fidelity="contact")
         for name in mu:
             np.testing.assert_allclose(run[f"{name}-guide.slip_velocity"], 1 - mu[name] * G * run.t, atol=3 * dt * mu[name] * G)
 
     @pytest.mark.parametrize("fast", ["slider", "ball"])
-    def test_guides_go_as_far_as_is_said(self, contact_engine, fast):
+    def test_guides_go_as_far_as_is_said(self, engine, fast):
         """1 km in less than a second: sliders come to the end of a guide where it has one; what is in no guide has no end to come to."""
         scene = scene_from_dict({
             "gravity": [0.0, -G], "bodies": {"slider": {"mass": 2, "inertia": 0.1, "velocity": [1200.0 if fast == "slider" else 0.0, 0]},
                                              "ball": {"mass": 1, "inertia": 1, "position": [0, 5], "velocity": [1200.0 if fast == "ball" else 0.0, 0]}},
             "joints": {"guide": {"type": "translational", "slider": "slider", "direction": [1, 0], "length": 0.6, "width": 0.1, "mu": 0.2}}})
-        if fast == "slider" and contact_engine.name in ("pybullet", "dart"):
+        if fast == "slider" and engine.name in ("pybullet", "dart"):
             with pytest.raises(BadTrajectory, match=r"guide is 1[0-2]\d\d(\.\d+)? m from its guide's point; guides end at 1000 m"):
-                contact_engine.simulate(scene, t_end=1.0, dt=1e-3, fidelity="contact")
+                engine.simulate(scene, t_end=1.0, dt=1e-3, fidelity="contact")
         else:
-            run = contact_engine.simulate(scene, t_end=1.0, dt=1e-3, fidelity="contact")
+            run = engine.simulate(scene, t_end=1.0, dt=1e-3, fidelity="contact")
             assert run[f"{fast}.x"][-1] == pytest.approx(1200 - (0.2 * G / 2 if fast == "slider" else 0.0), abs=1e-2)
 
-    def test_friction_larger_than_the_normal_force(self, contact_engine):
+    def test_friction_larger_than_the_normal_force(self, engine):
         """mu = 1.5 on a long slider, which it does not tip: an engine may take the coefficient for one that is at most 1."""
         dt = 1e-3
-        run = contact_engine.simulate(block(0.0, 1.5, 1.5, 0.6, 0.1, speed=4.0), t_end=0.2, dt=dt, fidelity="contact")
+        run = engine.simulate(block(0.0, 1.5, 1.5, 0.6, 0.1, speed=4.0), t_end=0.2, dt=dt, fidelity="contact")
         assert run["guide.slip_velocity"][-1] == pytest.approx(4 - 1.5 * G * run.t[-1], abs=3 * dt * 1.5 * G)
 
     def test_coulomb_oscillator(self, engine):
@@ -291,19 +283,19 @@ class TestOutput:
 class TestRefusals:
     @pytest.mark.parametrize(("name", "words"), [("coulomb-oscillator", "guide: contact fidelity needs the slider's length and width"),
                                                  ("slider-on-moving-guide", "its guide is the body 'arm'"), ("four-bar", "no translational joint")])
-    def test_contacts_need_a_box_in_a_guide_of_the_ground(self, contact_engine, name, words):
+    def test_contacts_need_a_box_in_a_guide_of_the_ground(self, engine, name, words):
         with pytest.raises(Refused, match=words):
-            contact_engine.simulate(load_scene(name), fidelity="contact")
+            engine.simulate(load_scene(name), fidelity="contact")
 
-    def test_a_body_in_two_guides_of_unlike_friction(self, contact_engine):
+    def test_a_body_in_two_guides_of_unlike_friction(self, engine):
         """Engines with one box for a body, or with contacts told by body, would give both guides one friction."""
         guide = {"type": "translational", "slider": "sled", "length": 0.2, "width": 0.1, "mu": 0.2}
         words = {"pymunk": "joints.right: its slider slides in joints.left, too, with other coefficients", "pybullet": "joints.right: .* touches one guide",
-                 "dart": "joints.right: .* touches one guide"}.get(contact_engine.name)
-        for mu, refused in ((0.0, words), (0.2, words if contact_engine.name != "pymunk" else None)):
+                 "dart": "joints.right: .* touches one guide"}.get(engine.name)
+        for mu, refused in ((0.0, words), (0.2, words if engine.name != "pymunk" else None)):
             scene = scene_from_dict({"gravity": [0, -G], "bodies": {"sled": {"mass": 1, "inertia": 0.1}}, "joints": {
                 "left": {**guide, "slider_point": [-0.5, 0], "point": [-0.5, 0]}, "right": {**guide, "slider_point": [0.5, 0], "point": [0.5, 0], "mu": mu}}})
-            found = contact_engine.refusal(scene, "contact")
+            found = engine.refusal(scene, "contact")
             assert found is None if refused is None else re.match(refused, found), found
 
     def test_drive_of_an_angle_that_guides_hold(self, engine):

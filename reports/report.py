@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from stiction.comparisons.presentation.charts import Chart, Figure
+from stiction.comparisons.presentation.charts import Figure
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.presentation.table_view import TableView
 from stiction.comparisons.presentation.traced_text import TracedText
@@ -35,16 +35,8 @@ class Report:
 
 def report_of(results: Results) -> Report:
     """Let every study and the recommendation speak of the results."""
-    found = {study: presented(study, results) for study in studies()}
+    found = {study: study.presented(results) for study in studies()}
     return Report(results, {study: said for study, said in found.items() if not said.is_empty},
                   tuple(recommendation(results)))
 
 
-def presented(study: Study, results: Results) -> Presentation:
-    """Present one study, without charts that have no point."""
-    said = study.present(results)
-    return replace(said, figures=tuple(figure for figure in said.figures if _has_points(figure)))
-
-
-def _has_points(figure: Figure) -> bool:
-    return not isinstance(figure, Chart) or any(len(one.x) for panel in figure.panels for one in panel.series)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -56,7 +57,8 @@ COLUMNS = (
 def columns_of(scene: Scene) -> list[str]:
     """Names of all columns that a trajectory of the scene can have, the time left out."""
     guides = scene.guides
-    owners = {"BODY": scene.bodies, "PIN": scene.pins, "GUIDE": guides, "DRIVE": scene.drives, "drift": ["drift"]}
+    owners: dict[str, Iterable[str]] = {"BODY": scene.bodies, "PIN": scene.pins, "GUIDE": guides,
+                                       "DRIVE": scene.drives, "drift": ["drift"]}
 
     def applies(column: Column, owner: str) -> bool:
         guide = guides.get(owner)

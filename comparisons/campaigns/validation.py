@@ -5,11 +5,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
-
-import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison, make
 from stiction.comparisons.campaigns.measurement import NOT_RUN
@@ -17,10 +13,8 @@ from stiction.comparisons.campaigns.participants import extent, validation_campa
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.environment import load
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.study import Scope, Study, Tables, studies
+from stiction.comparisons.studies.study import Scope, Study, Tables, planned, studies, union
 from stiction.comparisons.timing.timed_runs import machine_while_timing
-from stiction.comparisons.truth import Truth
-from stiction.comparisons.variants import Record
 from stiction.engines.isolation import Isolate, Outcome
 
 TIMED_SECONDS = 0.25
@@ -77,40 +71,6 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         "time limit [s]": limits.limit, "workers": workers, "trajectories": limits.trajectories,
         "interrupted": watch.interrupted, "machine before": load_before,
         "machine while timing": machine_while_timing(union(made).table("times")), "machine after": load()})
-
-
-def planned(scope: Scope, chosen: Sequence[Study], **options: Any) -> dict[Study, Comparison[Tables]]:
-    """Return the runs of each study within a scope, the longest first, so that no core waits for them in the end.
-
-    Requirements of studies are made on the way; options of `make`.
-    """
-    required = {name: plan for study in chosen for name, plan in study.requires.items()}
-    known = dict(zip(required, make([plan(scope) for plan in required.values()], **options), strict=True))
-    scope = replace(scope, known=known)
-    plans = {study: study.plan(scope) for study in chosen if study.plan is not None}
-    return {study: plan for study, plan in sorted(plans.items(), key=lambda item: -item[0].seconds)
-            if plan is not None}
-
-
-def union(made: Sequence[Tables], settings: Mapping[str, object] = MappingProxyType({}), wall_s: float = 0.0,
-          cpu_s: float = 0.0) -> Results:
-    """Return the results of several studies as one.
-
-    Tables of one name follow each other. Runs of one key are kept once, the first of them.
-    """
-    parts: dict[str, list[pd.DataFrame]] = defaultdict(list)
-    records: dict[str, Record] = {}
-    truths: dict[str, Truth] = {}
-    for one in made:
-        for name, table in one.tables.items():
-            parts[name].append(table)
-        for record in one.records:
-            records.setdefault(record.key, record)
-        truths |= one.truths
-    tables = {name: pd.concat(tables, ignore_index=True) for name, tables in parts.items()}
-    return Results(tuple(records.values()), truths, tables, settings, wall_s, cpu_s,
-                   tuple(record for one in made for record in one.timed),
-                   tuple(problem for one in made for problem in one.problems))
 
 
 class _Watch:

@@ -7,17 +7,20 @@ A new question is a new file in this folder whose module has a `STUDY`, and its 
 from __future__ import annotations
 
 import pkgutil
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
+from types import MappingProxyType
 from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.comparison import Comparison, make
 from stiction.comparisons.complementarity.problems import Problem
 from stiction.comparisons.depth import Depth
+from stiction.comparisons.presentation.charts import Chart, Figure
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
@@ -113,6 +116,15 @@ class Study:
     takes_scene: bool = True
     takes: frozenset[str] = frozenset({"engines", "t_end"})
 
+    def presented(self, results: Results) -> Presentation:
+        """Return what the tables say, without charts that have no point."""
+        said = self.present(results)
+        return replace(said, figures=tuple(figure for figure in said.figures if _has_points(figure)))
+
+
+def _has_points(figure: Figure) -> bool:
+    return not isinstance(figure, Chart) or any(len(one.x) for panel in figure.panels for one in panel.series)
+
 
 @cache
 def studies() -> tuple[Study, ...]:
@@ -121,3 +133,38 @@ def studies() -> tuple[Study, ...]:
     modules = [import_module(f"{package.__name__}.{module.name}") for module in pkgutil.iter_modules(package.__path__)]
     found = [module.STUDY for module in modules if hasattr(module, "STUDY")]
     return tuple(sorted(found, key=lambda study: study.place))
+
+
+def planned(scope: Scope, chosen: Sequence[Study], **options: Any) -> dict[Study, Comparison[Tables]]:
+    """Return the runs of each study within a scope, the longest first, so that no core waits for them in the end.
+
+    Requirements of studies are made on the way; options of `make`.
+    """
+    required = {name: plan for study in chosen for name, plan in study.requires.items()}
+    made = make([plan(scope) for plan in required.values()], **options) if required else []
+    known = dict(zip(required, made, strict=True))
+    scope = replace(scope, known=known)
+    plans = {study: study.plan(scope) for study in chosen if study.plan is not None}
+    return {study: plan for study, plan in sorted(plans.items(), key=lambda item: -item[0].seconds)
+            if plan is not None}
+
+
+def union(made: Sequence[Tables], settings: Mapping[str, object] = MappingProxyType({}), wall_s: float = 0.0,
+          cpu_s: float = 0.0) -> Results:
+    """Return the results of several studies as one.
+
+    Tables of one name follow each other. Runs of one key are kept once, the first of them.
+    """
+    parts: dict[str, list[pd.DataFrame]] = defaultdict(list)
+    records: dict[str, Record] = {}
+    truths: dict[str, Truth] = {}
+    for one in made:
+        for name, table in one.tables.items():
+            parts[name].append(table)
+        for record in one.records:
+            records.setdefault(record.key, record)
+        truths |= one.truths
+    tables = {name: pd.concat(tables, ignore_index=True) for name, tables in parts.items()}
+    return Results(tuple(records.values()), truths, tables, settings, wall_s, cpu_s,
+                   tuple(record for one in made for record in one.timed),
+                   tuple(problem for one in made for problem in one.problems))

@@ -112,7 +112,7 @@ def _subject(study: Study, scenes: Sequence[str], overrides: Sequence[str], asse
 def _made(study: Study, scope: Scope, workers: int | None, timeout: float, executor: str) -> Results:
     from stiction.comparisons.campaigns.comparison import make
     from stiction.comparisons.campaigns.executors import open_isolate
-    from stiction.comparisons.campaigns.validation import planned, union
+    from stiction.comparisons.studies.study import planned, union
     from stiction.engines import isolate
 
     about = ", ".join(scene.name for scene in scope.scenes) if scope.scenes else study.title
@@ -125,10 +125,9 @@ def _made(study: Study, scope: Scope, workers: int | None, timeout: float, execu
 def _show(study: Study, results: Results, out: Path | None, plot: Path | None, problems: Path | None) -> None:
     """Print answer, findings and tables, write what was asked for, and fail where no run succeeded."""
     from stiction.comparisons.complementarity.problems import write_problems
-    from stiction.reports.report import presented
     from stiction.reports.run_folder.data import storable
 
-    table, said = results.table(study.name), presented(study, results)
+    table, said = results.table(study.name), study.presented(results)
     if out is not None and len(table):
         with or_shown(lambda: _print(said, results, table)):
             write_table(storable(table), out)

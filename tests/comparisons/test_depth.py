@@ -11,11 +11,11 @@ from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.comparison import Comparison, records_comparison
 from stiction.comparisons.campaigns.participants import cost_variants, threshold_variants, variants
-from stiction.comparisons.campaigns.validation import _Watch, union
+from stiction.comparisons.campaigns.validation import _Watch
 from stiction.comparisons.depth import Depth, down_to
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.presentation.presentation import Presentation
-from stiction.comparisons.studies.study import Study, Tables
+from stiction.comparisons.studies.study import Study, Tables, union
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.timing.timed_runs import call_of
 from stiction.comparisons.variants import COMMON_STEP, job

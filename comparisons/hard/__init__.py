@@ -1,7 +1,7 @@
 """Hard cases: where the mathematics gets difficult for solvers; what must happen is derived, never observed.
 
 ``cases.toml``    the cases, by topic; ``case`` reads them
-``checks``        measures of their runs; ``closed_forms``: formulas for them; ``other_units``: a scene in other units
+``checks``        measures of their runs; ``closed_forms``: formulas for them; ``scaled_scenes``: a scene in other units
 ``examination``   one case through one variant, and the verdict
 ``table``         all of them
 """

@@ -13,7 +13,7 @@ from typing import Any
 
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard.closed_forms import value
-from stiction.comparisons.hard.other_units import Units, scaled
+from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.scenes import Scene, load_scene, scene_from_dict
 from stiction.scenes.expressions import evaluate
 

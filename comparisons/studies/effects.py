@@ -29,7 +29,7 @@ from stiction.comparisons.studies.work_precision import Timed, TimedRun, cost_of
 from stiction.comparisons.timing.intervals import ratio_interval
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.variants import Record, Variant, scaled
-from stiction.reference_impl.multibody.equation_blocks import blocks, hlcp_size
+from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.model import Baumgarte
 

@@ -22,7 +22,7 @@ from stiction.engines.exudyn.solver import INTEGRATORS
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS
 from stiction.engines.protocol import Refused
 from stiction.engines.shared.law_expression import law_expression
-from stiction.reference_impl.multibody.equation_blocks import constraint_rows, rank
+from stiction.reference_impl.multibody.equation_summary import constraint_rows, rank
 from stiction.scenes import Scene
 from stiction.scenes.laws import Law
 from stiction.scenes.model import Drive, LinearSpring

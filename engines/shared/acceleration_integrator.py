@@ -4,7 +4,7 @@ It tells the error of an engine's equations of motion from that of its stepping.
 coordinates, which fulfil the constraints by themselves. The friction of the guides is decided here, from the reactions
 that belong to those accelerations; the integrator is SciPy's DOP853. In a contact mode friction is linear in the
 reactions and these in the friction; events are where an event function of
-`stiction.reference_impl.friction.contact_modes` falls through zero between two of the instants at which it is sampled.
+`stiction.reference_impl.friction.frozen_mode` falls through zero between two of the instants at which it is sampled.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from stiction.engines.shared.fixed_step import columns_of_motion
 from stiction.engines.shared.joint_coordinates import motors_of
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
-from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, event_functions
 from stiction.reference_impl.friction.coulomb import friction_coefficients
+from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Cost, Event, InputError, Scene, Trajectory

@@ -42,8 +42,8 @@ def compile_all() -> None:
 def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
     """Return the kernels of the event-driven method, with or without friction, with or without projection."""
     from stiction.reference_impl.compiled import linear_algebra
-    from stiction.reference_impl.friction import (contact_modes, contact_solvers, guides_at_rest, hlcp, lemke,
-                                                  mode_transition, uniqueness)
+    from stiction.reference_impl.friction import (contact_solvers, frozen_mode, guides_at_rest, hlcp, lemke,
+                                                  mode_choice, uniqueness)
     from stiction.reference_impl.integration import event_driven, event_location, integration_state, right_hand_side
     from stiction.reference_impl.multibody import dynamics, projection, singular_positions, trajectory_columns
 
@@ -51,19 +51,19 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
               integration_state._stages, event_driven._propose, event_driven._emit_here, event_driven._refresh,
               event_driven.integrate, event_driven._emit_inside, uniqueness.gain_of_mode)
     rest = (trajectory_columns.write_sample, trajectory_columns.residual_norms, event_driven._commit,
-            contact_modes.solve_mode, *((projection.project, projection._correct) if projects else ()))
+            frozen_mode.solve_mode, *((projection.project, projection._correct) if projects else ()))
     if not friction:
         return (*always, *rest, linear_algebra.solve_in_place, singular_positions.error_along_motion)
     return (event_driven._switch_mode, hlcp.solve, hlcp.assemble, *always,
             event_location.zero_near_end, event_location._stays_positive, uniqueness.has_several,
-            uniqueness._cell_has_several, mode_transition._settle, event_driven._begin, event_driven.begin_mode,
+            uniqueness._cell_has_several, mode_choice._settle, event_driven._begin, event_driven.begin_mode,
             event_driven._is_held, event_location.go_to_event, contact_solvers.solve_contact, uniqueness._gain_of_cell,
             uniqueness.friction_gain, event_driven._come_to_rest, guides_at_rest.rest_together,
             guides_at_rest._rest_together, guides_at_rest._unit_rows, guides_at_rest._are_independent,
             event_driven._break_away, guides_at_rest.leave_together, guides_at_rest._leave_together,
-            event_driven._count_other_modes, mode_transition.other_modes, mode_transition._other_modes,
+            event_driven._count_other_modes, mode_choice.other_modes, mode_choice._other_modes,
             linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale, hlcp._multiply, hlcp._violation,
-            *rest, mode_transition.choose_mode, trajectory_columns.imbalance)
+            *rest, mode_choice.choose_mode, trajectory_columns.imbalance)
 
 
 def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:

@@ -150,7 +150,7 @@ def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers,  # noqa: PL
     """Fill in the system of a mode.
 
     It has the constraint rows, and per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip; see
-    `contact_modes`).
+    `frozen_mode`).
     """
     nr = m.rows
     for r in range(nr + len(m.friction)):

@@ -23,9 +23,9 @@ from stiction.reference_impl.compiled.bundle import Flags, Integers, Reals, Tabl
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, RANK_TOLERANCE, decompose, eliminate_columns
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, event_functions, solve_mode
 from stiction.reference_impl.friction.coulomb import corner_forces, mobilization
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
+from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions, solve_mode
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import NONE, RAY, SINGULAR, SOLVED
 from stiction.reference_impl.friction.solvers import LEMKE

@@ -15,8 +15,8 @@ from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTabl
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
 from stiction.reference_impl.compiled.loops import are_equal, copy
-from stiction.reference_impl.friction.contact_modes import solve_assumed
 from stiction.reference_impl.friction.enumeration import fill, revise
+from stiction.reference_impl.friction.frozen_mode import solve_assumed
 from stiction.reference_impl.friction.outcomes import SIGN_CYCLE, SINGULAR, SOLVED
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays

@@ -1,7 +1,7 @@
 """Event-driven integration with frozen contact modes.
 
 The HLCP decides the contact mode at the start and at events only. While a mode lasts the forces follow from one linear
-solve (`contact_modes`), the motion is smooth and DOP853 integrates it. A step is made to end where the next event is
+solve (`frozen_mode`), the motion is smooth and DOP853 integrates it. A step is made to end where the next event is
 expected; one within which an event cannot be excluded is searched, and repeated if there is one (`event_location`).
 Each step is audited.
 """
@@ -18,10 +18,10 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Bundle, Reals
 from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
-from stiction.reference_impl.friction.contact_modes import ALL, choose_branches, margin, most_capacity
 from stiction.reference_impl.friction.coulomb import can_jam
+from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, margin, most_capacity
 from stiction.reference_impl.friction.guides_at_rest import leave_together, rest_together
-from stiction.reference_impl.friction.mode_transition import choose_mode, other_modes
+from stiction.reference_impl.friction.mode_choice import choose_mode, other_modes
 from stiction.reference_impl.friction.outcomes import (AUDIT, CHATTER, CRAWL, DONE, JAM, NOT_FINITE, ROOM, SEVERAL,
                                                        SOLVED, STEP_LIMIT, STEP_TOO_SMALL)
 from stiction.reference_impl.friction.solvers import AUTOMATIC, named

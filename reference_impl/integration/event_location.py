@@ -7,7 +7,7 @@ has a zero within a step (`may_vanish`). Only where that bound fails is the step
 event function (`go_to_event`), each correction a Runge-Kutta step, so that the state at an event is as accurate as any
 other.
 
-Guarantee. Within a mode an event function g is smooth (`contact_modes.event_functions`). Let p be its polynomial
+Guarantee. Within a mode an event function g is smooth (`frozen_mode.event_functions`). Let p be its polynomial
 through n + 1 points of an interval. The Bernstein coefficients b_i of p bound it: p >= min b_i on the whole interval.
 Hence g > 0 wherever
 

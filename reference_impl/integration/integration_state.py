@@ -100,9 +100,9 @@ class State(Bundle):
     y : (2n,)
         q and v.  y_old, y_new : before and after a step.  probe, dy, scale : scratch, of the same length.
     slip, corner : (frictional,), (frictional, 4)
-        The contact mode; see `contact_modes`.  old_slip, old_corner : before an event.
+        The contact mode; see `frozen_mode`.  old_slip, old_corner : before an event.
     began : (frictional,)
-        When each guide last began to slip (s).  rest_speed : see `mode_transition.choose_mode`.
+        When each guide last began to slip (s).  rest_speed : see `mode_choice.choose_mode`.
     K, F : (STAGES + 1 + EXTRA, 2n), (7, 2n)
         Derivatives at the stages of a step, and its dense output.  audit_K : as K, of a step that an audit makes.
     at_start, seen : (3 * frictional,), (STAGES, 3 * frictional)

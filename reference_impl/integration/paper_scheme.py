@@ -14,9 +14,9 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Bundle, Flags, Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
-from stiction.reference_impl.friction.contact_modes import solve_mode
 from stiction.reference_impl.friction.contact_solvers import solve_contact
-from stiction.reference_impl.friction.mode_transition import choose_mode
+from stiction.reference_impl.friction.frozen_mode import solve_mode
+from stiction.reference_impl.friction.mode_choice import choose_mode
 from stiction.reference_impl.friction.outcomes import CHATTER, DONE, NOT_FINITE, SOLVED
 from stiction.reference_impl.friction.solvers import AUTOMATIC, named
 from stiction.reference_impl.integration.result import (EVENT_KINDS, REVERSAL, SLIP, STICK, EventLog, Run, Samples,

@@ -8,8 +8,8 @@ from typing import Annotated
 import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Bundle, Cube, Integers, IntegerTable, Reals, Table
-from stiction.reference_impl.friction.contact_modes import margin
 from stiction.reference_impl.friction.coulomb import can_jam
+from stiction.reference_impl.friction.frozen_mode import margin
 from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, DONE, JAM, MODE_LIMIT, NONE, PIVOT_LIMIT, RAY,
                                                        SEVERAL, SIGN_CYCLE, SINGULAR)
 from stiction.reference_impl.friction.trial_and_error import trial_and_error

@@ -10,8 +10,8 @@ from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Real
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction import hlcp
-from stiction.reference_impl.friction.contact_modes import event_functions, solve_mode
 from stiction.reference_impl.friction.coulomb import capacity
+from stiction.reference_impl.friction.frozen_mode import event_functions, solve_mode
 from stiction.reference_impl.friction.outcomes import SOLVED
 from stiction.reference_impl.friction.uniqueness import COUNTED
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion

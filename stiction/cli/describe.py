@@ -25,7 +25,7 @@ commands = typer.Typer()
 def list_scenes(folder: Annotated[str, typer.Argument(
         metavar="[FOLDER]", help="hard: the scenes of `stiction compare hard`.")] = "") -> None:
     """List the scenes of the catalogue, or of a folder of it, and the effects that they declare."""
-    from stiction.reference_impl.multibody.equation_blocks import blocks
+    from stiction.reference_impl.multibody.equation_summary import blocks
     from stiction.scenes import catalogue, load_scene
 
     rows = []
@@ -67,8 +67,8 @@ def list_engines(name: Annotated[str | None, typer.Argument(
 @commands.command()
 def explain(scene: SceneName, overrides: Overrides = []) -> None:
     """Show what the reference assembles for a scene, the size of its complementarity problem, and who refuses it."""
-    from stiction.reference_impl.multibody.equation_blocks import (blocks, constraint_components, constraint_rows,
-                                                                   hlcp_size, rank)
+    from stiction.reference_impl.multibody.equation_summary import (blocks, constraint_components, constraint_rows,
+                                                                    hlcp_size, rank)
     from stiction.reference_impl.multibody.subsystems import independent_parts
 
     loaded = scene_of(scene, overrides)

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from stiction.cli.app import app
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.equation_blocks import constraint_components, constraint_rows, hlcp_size, rank
+from stiction.reference_impl.multibody.equation_summary import constraint_components, constraint_rows, hlcp_size, rank
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import catalogue, load_scene, scene_from_dict

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stiction.comparisons.hard.other_units import Units, scaled
+from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.engines import Refused, load_engine
 from stiction.scenes import load_scene, scene_from_dict, vary
 

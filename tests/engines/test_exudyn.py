@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stiction.comparisons.hard.other_units import Units, scaled
+from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.comparisons.truth.reduced.slider_bar import slider_bar_truth
 from stiction.engines import Refused, load_engine
 from stiction.engines.exudyn.bristles import moved_mass

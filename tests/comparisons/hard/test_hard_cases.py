@@ -19,7 +19,7 @@ from stiction.comparisons.hard.closed_forms import rod_normal_force
 from stiction.comparisons.hard.examination import (ADAPTER, BEYOND, DECLINED, DECLINED_BY_ADAPTER, DEGRADED, FAILED,
                                                    IMPULSIVE, INEXPRESSIBLE, METHOD, NOT_INSTALLED, NOT_RUN, READER,
                                                    RIGHT, UNREAD, WRONG, Examination, _beyond, examine, judge)
-from stiction.comparisons.hard.other_units import Units, scaled
+from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.comparisons.hard.table import REFERENCE
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.hard_cases import HOSTILE, present

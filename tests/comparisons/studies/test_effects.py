@@ -14,7 +14,7 @@ from stiction.comparisons.studies.effects import (BASELINE, HIGH, LEFT_OUT, LOW,
                                                   effects_comparison, effects_variants, toggles)
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import OWN_CPU, Variant
-from stiction.reference_impl.multibody.equation_blocks import blocks, hlcp_size
+from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
 from stiction.scenes import catalogue, load_scene, vary
 
 CASE = "slider-bar-case-1"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import installed
 
-from stiction.comparisons.hard.other_units import Units, scaled
+from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.comparisons.truth import (moving_guide_truth, oscillator_truth, slider_bar_truth, slider_crank_truth,
                                         trammel_truth)
 from stiction.engines import BadTrajectory, EngineFailure, Refused

@@ -197,15 +197,15 @@ class TestLinked:
             from stiction.engines import load_engine
             from stiction.reference_impl.compiled.compiling_ahead import event_kernels
             from stiction.reference_impl.compiled.kernel import linked_kernels
-            from stiction.reference_impl.friction import contact_modes, hlcp, mode_transition, uniqueness
+            from stiction.reference_impl.friction import frozen_mode, hlcp, mode_choice, uniqueness
             from stiction.reference_impl.integration import right_hand_side
             from stiction.scenes import load_scene
             run = load_engine("reference").simulate(load_scene("{scene}"), t_end=24.0)
             assert run.termination == "end"
             called, ahead = {{kernel.name for kernel in linked_kernels() if kernel.is_linked}}, {{kernel.name for kernel in event_kernels({friction}, {not friction})}}
             assert called == ahead, called ^ ahead
-            print(right_hand_side.right_hand_side.is_linked, hlcp.solve.is_linked, mode_transition.choose_mode.is_linked,
-                  contact_modes._solve_cells.is_linked, uniqueness._respond_banded.is_linked)
+            print(right_hand_side.right_hand_side.is_linked, hlcp.solve.is_linked, mode_choice.choose_mode.is_linked,
+                  frozen_mode._solve_cells.is_linked, uniqueness._respond_banded.is_linked)
             """)
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr

@@ -12,7 +12,7 @@ from stiction.comparisons.random_scenes.random_slider_bars import difference
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines import load_engine
-from stiction.reference_impl.friction.contact_modes import solve_mode
+from stiction.reference_impl.friction.frozen_mode import solve_mode
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
 from stiction.reference_impl.multibody.kinematics import workspace

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference_checks import along, balance_residual, guide_scene, simulate
 
-from stiction.comparisons.hard.other_units import Units, scaled
+from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, scene_from_dict
 

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from random_mechanisms import extreme_scene, moderate_scene, turn
 
-from stiction.comparisons.hard.other_units import Units, scaled
+from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_from_dict

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines.reference.engine import ReferenceEngine
-from stiction.reference_impl.friction.mode_transition import choose_mode
+from stiction.reference_impl.friction.mode_choice import choose_mode
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.initial_state import consistent_start

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from stiction.comparisons.hard.other_units import Units, scaled
+from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.engines import load_engine
 from stiction.reference_impl.multibody import reactions
 from stiction.reference_impl.multibody.reactions import recover_columns

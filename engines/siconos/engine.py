@@ -13,6 +13,7 @@ from stiction.engines.shared.declared_engine import Declared
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.scenes import InputError, Scene, Trajectory
 
+DECLARATION = Path(__file__).with_name("siconos.toml")
 BLOCKS = ("nsgs", "cpg", "lemke", "enum")
 BOUNDS = {"theta": (0.5, 1.0), "clearance": (1e-12, 1.0), "restitution": (0.0, 1.0), "tolerance": (1e-14, 1e-3),
           "iterations": (1, 10 ** 9)}
@@ -41,7 +42,7 @@ class SiconosEngine(ProgramEngine):
 
     def __init__(self) -> None:
         try:
-            super().__init__(Path(__file__).with_name("siconos.toml"))
+            super().__init__(DECLARATION)
         except EngineMissing as error:
             raise EngineMissing(f"{error}; apt-get install python3-siconos brings it where the system is Debian or of "
                                 "its family") from error

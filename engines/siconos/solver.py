@@ -30,10 +30,8 @@ ENDLESS = 1e30
 """Inertia of the clock: what a force does to its rate is below rounding."""
 STIFF = 1e4
 """r times J M^-1 J': iterations per step in case 1 are 561 without, 52, 39 and 38 with 1e2, 1e4 and 1e6."""
-AT_REST = 1e-10
-"""Slip, in parts of the largest speed, that counts as none; a hundred times the default tolerance."""
-UNSOLVED = 1e-9
-"""Residual of a step, in parts of the largest speed, with which the program ends."""
+AT_REST, UNSOLVED = 100, 1000
+"""Times the tolerance: slip that counts as none; residual of a step with which the program ends."""
 BLOCKS = {"nsgs": numerics.SICONOS_FRICTION_2D_NSGS, "cpg": numerics.SICONOS_FRICTION_2D_CPG,
           "lemke": numerics.SICONOS_FRICTION_2D_LEMKE, "enum": numerics.SICONOS_FRICTION_2D_ENUM}
 BLOCK = 3
@@ -262,9 +260,10 @@ class Mechanism:
             wanted, rate = law(t + h / 2)
             row[n] = (function(frames, row) - wanted) / h - rate
         speed = max(np.abs(v[:n]).max(), h * np.abs(F / self.mass).max(), 1e-300)
+        small = self.tolerance * speed
         for contact in self.contacts:
             contact.write(frames, middle)
-            contact.law.setMu(contact.mus if abs(contact.C[1] @ v) <= AT_REST * speed else contact.mu)
+            contact.law.setMu(contact.mus if abs(contact.C[1] @ v) <= AT_REST * small else contact.mu)
         held = self.J[:, :n]
         r = STIFF / np.maximum((held * held) @ (1 / self.mass[:n]), 1e-300)
         self.W[:n, :n] = np.diag(self.mass[:n]) + (held.T * r) @ held
@@ -272,21 +271,21 @@ class Mechanism:
         self.applied[:n] -= (r * (self.J @ v)) @ held / h
         self.applied /= self.theta  # what the kernel has of the step before counts 1 - theta, and is zero: see below
         # errors of the kernel are absolute in what is held, and relative to 1 + speed in contacts
-        self.reals[numerics.SICONOS_DPARAM_TOL] = self.tolerance * speed * (1 / (1 + speed) + 1e-3)
+        self.reals[numerics.SICONOS_DPARAM_TOL] = small * (1 / (1 + speed) + 1e-3)
         self.simulation.updateOutput()
         self.simulation.updateIndexSets()
         closed = [contact for contact in self.contacts if contact.y[0] + 0.5 * h * contact.rate[0] <= 0]
         self.simulation.computeOneStep()
         impulses = self.L - r * (self.J @ self.v)
         off = self._residual(closed, impulses, v, F)
-        if not off <= UNSOLVED * speed:
+        if not off <= UNSOLVED * small:
             sys.exit(f"Siconos does not solve the step at t = {t:.9g} s: residual {off:.2g} m/s or rad/s after "
-                     f"{self.integers[numerics.SICONOS_IPARAM_ITER_DONE]} iterations; expected {UNSOLVED * speed:.2g}")
+                     f"{self.integers[numerics.SICONOS_IPARAM_ITER_DONE]} iterations; expected {UNSOLVED * small:.2g}")
         found = dict.fromkeys(self.columns, 0.0) | dict(zip(self.names, impulses.tolist()))
         for contact in closed:
             contact.add(found)
         row = [*((self.v - v)[:n] / h).tolist(), *(value * self.unit / h for value in found.values()),
-               *self._modes(closed, speed)]
+               *self._modes(closed, AT_REST * small)]
         self.total[:] = 0.0
         self.simulation.nextStep()
         return row
@@ -305,14 +304,14 @@ class Mechanism:
                     abs(turn * friction - max(-mu * turn * normal, min(mu * turn * normal, wanted)))]
         return max(*off, np.abs(balance / self.mass).max())
 
-    def _modes(self, closed, speed):
+    def _modes(self, closed, rest):
         """Direction of slip of each guide with friction, 0 at rest, at the corner with the largest normal force."""
         heaviest = {}
         for contact in self.contacts:
             load = contact.P[0] if contact in closed else -1.0
             if load > heaviest.get(contact.mode, (-2.0, 0))[0]:
                 slip = contact.C[1] @ self.v
-                heaviest[contact.mode] = load, 0 if abs(slip) <= AT_REST * speed else 1 if slip > 0 else -1
+                heaviest[contact.mode] = load, 0 if abs(slip) <= rest else 1 if slip > 0 else -1
         return [heaviest[mode][1] for mode in self.modes]
 
 

@@ -144,7 +144,7 @@ class Contact:
     def look(self):
         """Take what the kernel has of it: these arrays are the kernel's own."""
         self.C, self.e, self.P = self.relation.C(), self.relation.e(), self.interaction.lambda_(1)
-        self.y, self.rate = self.interaction.y(0), self.interaction.y(1)
+        self.y, self.rate, self.before = self.interaction.y(0), self.interaction.y(1), self.interaction.y_k(1)
 
     def write(self, frames, q):
         """Write the relation at the frames of q; its output there is the gap."""
@@ -227,6 +227,7 @@ class Mechanism:
         self.W, self.integers, self.reals = system.mass(), options.iparam, options.dparam
         self.theta, self.tolerance = chosen["theta"], chosen["tolerance"]
         self.J, self.L = (relation.C(), bilateral.lambda_(1)) if self.held else (np.zeros((0, self.n + 1)), np.zeros(0))
+        self.slips = {}  # direction of each guide with friction, by its column
         for contact in self.contacts:
             contact.look()
 
@@ -263,7 +264,10 @@ class Mechanism:
         small = self.tolerance * speed
         for contact in self.contacts:
             contact.write(frames, middle)
-            contact.law.setMu(contact.mus if abs(contact.C[1] @ v) <= AT_REST * small else contact.mu)
+            # a guide is at rest or not by its last step with a contact: what has not landed yet has the mode of the start
+            if contact.mode not in self.slips:
+                self.slips[contact.mode] = self._direction(contact, v, small)
+            contact.law.setMu(contact.mu if self.slips[contact.mode] else contact.mus)
         held = self.J[:, :n]
         r = STIFF / np.maximum((held * held) @ (1 / self.mass[:n]), 1e-300)
         self.W[:n, :n] = np.diag(self.mass[:n]) + (held.T * r) @ held
@@ -273,6 +277,8 @@ class Mechanism:
         # errors of the kernel are absolute in what is held, and relative to 1 + speed in contacts
         self.reals[numerics.SICONOS_DPARAM_TOL] = small * (1 / (1 + speed) + 1e-3)
         self.simulation.updateOutput()
+        for contact in self.contacts:
+            contact.before[:] = contact.rate  # for restitution; the kernel has that by the matrix of the step before
         self.simulation.updateIndexSets()
         closed = [contact for contact in self.contacts if contact.y[0] + 0.5 * h * contact.rate[0] <= 0]
         self.simulation.computeOneStep()
@@ -285,7 +291,7 @@ class Mechanism:
         for contact in closed:
             contact.add(found)
         row = [*((self.v - v)[:n] / h).tolist(), *(value * self.unit / h for value in found.values()),
-               *self._modes(closed, AT_REST * small)]
+               *self._modes(closed, small)]
         self.total[:] = 0.0
         self.simulation.nextStep()
         return row
@@ -304,15 +310,16 @@ class Mechanism:
                     abs(turn * friction - max(-mu * turn * normal, min(mu * turn * normal, wanted)))]
         return max(*off, np.abs(balance / self.mass).max())
 
-    def _modes(self, closed, rest):
-        """Direction of slip of each guide with friction, 0 at rest, at the corner with the largest normal force."""
-        heaviest = {}
-        for contact in self.contacts:
-            load = contact.P[0] if contact in closed else -1.0
-            if load > heaviest.get(contact.mode, (-2.0, 0))[0]:
-                slip = contact.C[1] @ self.v
-                heaviest[contact.mode] = load, 0 if abs(slip) <= rest else 1 if slip > 0 else -1
-        return [heaviest[mode][1] for mode in self.modes]
+    def _direction(self, contact, v, small):
+        """Direction of slip at a corner, 0 at rest."""
+        slip = contact.C[1] @ v
+        return 0 if abs(slip) <= AT_REST * small else 1 if slip > 0 else -1
+
+    def _modes(self, closed, small):
+        """Directions of slip of the guides with friction, each at the corner with the largest normal force."""
+        for contact in sorted(closed, key=lambda contact: contact.P[0]):
+            self.slips[contact.mode] = self._direction(contact, self.v, small)
+        return [self.slips[mode] for mode in self.modes]
 
 
 def size_of(scene):

@@ -231,6 +231,22 @@ class Mechanism:
         for contact in self.contacts:
             contact.look()
 
+    def _frames(self, q):
+        """Position, cosine and sine of its angle, and angle of each body by its number; of the ground by None."""
+        frames = {None: (0.0, 0.0, 1.0, 0.0, 0.0)}
+        for i, (x, y, turn) in enumerate(zip(*[iter(q[:self.n].tolist())] * 3)):
+            frames[i] = x, y, math.cos(turn), math.sin(turn), turn
+        return frames
+
+    def refuse_dependent(self):
+        """End as a refusal where rows that are held depend on each other: the kernel solves them by an LU factorization."""
+        frames = self._frames(self.q)
+        for row, (function, _) in zip(self.J, self.held):
+            function(frames, row)
+        if self.held and (rank := np.linalg.matrix_rank(self.J[:, :-1] / np.sqrt(self.mass[:-1]))) < len(self.held):
+            print(f"{len(self.held)} constraints of which {rank} are independent; Siconos needs all to be", file=sys.stderr)
+            sys.exit(77)
+
     def forces(self, t, frames, v):
         """Applied forces on all coordinates: weight, springs, loads."""
         total = self.weight.copy()
@@ -252,9 +268,7 @@ class Mechanism:
         """Let the kernel make the step from time t; return the mean accelerations and reactions in it."""
         h, n, v = self.h, self.n, self.v.copy()
         middle = self.q + h / 2 * v
-        frames = {None: (0.0, 0.0, 1.0, 0.0, 0.0)}
-        for i, (x, y, turn) in enumerate(zip(*[iter(middle[:n].tolist())] * 3)):
-            frames[i] = x, y, math.cos(turn), math.sin(turn), turn
+        frames = self._frames(middle)
         F = np.zeros(n + 1)
         F[:n] = self.forces(t + h / 2, frames, v[:n]) / self.unit
         for row, (function, law) in zip(self.J, self.held):
@@ -340,6 +354,7 @@ def main(scene_file, result_file, report_file, dt, output_step, *settings):
     h = scene["t_end"] / steps
     every = max(1, int(float(output_step) / h + 1e-9))
     mechanism = Mechanism(scene, h, chosen)
+    mechanism.refuse_dependent()
     labels = [f"{name}.{label}" for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
               for name in scene["bodies"] for label in labels]
     setup, iterations, n = time.process_time(), 0, mechanism.n

@@ -20,12 +20,20 @@ import json
 import math
 import sys
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+
 import siconos
 import siconos.kernel as kernel
 import siconos.numerics as numerics
 
+Scene = dict[str, Any]
+"""Tables of a resolved scene."""
+Frames = dict[int | None, tuple[float, float, float, float, float]]
+Function = Callable[[Frames, np.ndarray], float]
+"""Of the frames of all bodies a coordinate, whose derivatives go to a row."""
 ENDLESS = 1e30
 """Inertia of the clock: what a force does to its rate is below rounding."""
 STIFF = 1e4
@@ -34,6 +42,7 @@ AT_REST, UNSOLVED = 100, 1000
 """Times the tolerance: slip that counts as none; residual of a step with which the program ends."""
 BLOCKS = {"nsgs": numerics.SICONOS_FRICTION_2D_NSGS, "cpg": numerics.SICONOS_FRICTION_2D_CPG,
           "lemke": numerics.SICONOS_FRICTION_2D_LEMKE, "enum": numerics.SICONOS_FRICTION_2D_ENUM}
+ITERATIONS = numerics.SICONOS_IPARAM_ITER_DONE
 BLOCK = 3
 """Place of the solver of a contact in the plane among those inside GenericMechanical's."""
 
@@ -41,7 +50,7 @@ BLOCK = 3
 class Law:
     """Value and rate of a law of time."""
 
-    def __init__(self, data):
+    def __init__(self, data: Scene) -> None:
         self.data, self.kind = data, data["type"]
         if self.kind == "table":
             x, y = np.array(data["times"]), np.array(data["values"])
@@ -51,7 +60,7 @@ class Law:
                 bend[1:-1] = np.linalg.solve(matrix, 6 * np.diff(np.diff(y) / h))
             self.x, self.y, self.bend = x.tolist(), y.tolist(), bend.tolist()
 
-    def __call__(self, t):
+    def __call__(self, t: float) -> tuple[float, float]:
         data = self.data
         if self.kind == "constant":
             return data["value"], 0.0
@@ -69,11 +78,11 @@ class Law:
         return (value + rate * (t - at), rate) if cubic else (value, rate if at == t else 0.0)
 
 
-def angle(place, bodies):
-    """Make a function of frames and a row: an angle between two bodies, its derivatives to the row."""
+def angle(place: dict[str, int], bodies: list[str]) -> Function:
+    """Make the function of the angle between two bodies."""
     a, b = (place.get(name) for name in bodies)
 
-    def at(frames, row):
+    def at(frames: Frames, row: np.ndarray) -> float:
         for i, sign in ((a, 1.0), (b, -1.0)):
             if i is not None:
                 row[3 * i + 2] = sign
@@ -82,14 +91,15 @@ def angle(place, bodies):
     return at
 
 
-def distance(place, bodies, points, axis=None, of_ground=False):
-    """Make a function of frames and a row: the distance of two points, or their coordinate along an axis.
+def distance(place: dict[str, int], bodies: list[str], points: Any, axis: Any = None,
+             of_ground: bool = False) -> Function:
+    """Make the function of the distance of two points, or of their coordinate along an axis.
 
     The axis is the second body's, or the ground's.
     """
     (a, b), ((ax, ay), (bx, by)) = (place.get(name) for name in bodies), points
 
-    def at(frames, row):
+    def at(frames: Frames, row: np.ndarray) -> float:
         x, y, c, s, _ = frames[a]
         u, v, k, z, _ = frames[b]
         px, py, ox, oy = c * ax - s * ay, s * ax + c * ay, k * bx - z * by, z * bx + k * by
@@ -110,7 +120,7 @@ def distance(place, bodies, points, axis=None, of_ground=False):
     return at
 
 
-def coordinate(place, element):
+def coordinate(place: dict[str, int], element: Scene) -> Function:
     """Make the function of a drive or a spring."""
     if element["type"] in ("angle", "torsional"):
         return angle(place, element["bodies"])
@@ -120,7 +130,8 @@ def coordinate(place, element):
 class Contact:
     """A corner of a slider beside a surface of its guide: side 1 pushes along the normal, -1 against it."""
 
-    def __init__(self, name, guide, corner, clearance, restitution, place):
+    def __init__(self, name: str, guide: Scene, corner: int, clearance: float, restitution: float,
+                 place: dict[str, int]) -> None:
         (x, y), length, half = guide["direction"], guide["length"] or 0.0, (guide["width"] or 0.0) / 2
         self.side, front = ((1, -1), (1, 1), (-1, 1), (-1, -1))[corner]
         self.along, self.across, self.room = front * length / 2, -self.side * half, half + clearance
@@ -128,32 +139,31 @@ class Contact:
         c, s = math.cos(turn), math.sin(turn)
         lever = c * self.along - s * self.across, s * self.along + c * self.across
         points = [p + d for p, d in zip(guide["slider_point"], lever)], guide["point"]
-        bodies = guide["slider"], guide["guide"]
+        bodies = [guide["slider"], guide["guide"]]
         self.normal, self.tangent = distance(place, bodies, points, (-y, x)), distance(place, bodies, points, (x, y))
         self.mu, self.mus, self.restitution = guide["mu"] or 0.0, guide["mus"] or 0.0, restitution
         self.law = kernel.NewtonImpactFrictionNSL(restitution, 0.0, self.mu, 2)
         self.relation = kernel.LagrangianLinearTIR(np.zeros((2, 3 * len(place) + 1)), np.zeros(2))
         self.interaction = kernel.Interaction(self.law, self.relation)
         surface = "lower" if self.side > 0 else "upper"
-        self.resultant, self.moment, self.mode = (f"{name}.{label}" for label in ("normal_force", "moment", "mode"))
+        self.resultant, self.moment = f"{name}.normal_force", f"{name}.moment"
+        self.mode = f"{name}.mode" if guide["mu"] is not None else ""
         self.normals = [f"{name}.F{corner + 1}"] if length else []
-        self.frictions = [f"{name}.friction", *([f"{name}.friction_{surface}"] if length else [])]
-        if guide["mu"] is None:
-            self.frictions, self.mode = [], None
+        self.frictions = [f"{name}.friction", f"{name}.friction_{surface}"][:2 if length else 1] if self.mode else []
 
-    def look(self):
+    def look(self) -> None:
         """Take what the kernel has of it: these arrays are the kernel's own."""
         self.C, self.e, self.P = self.relation.C(), self.relation.e(), self.interaction.lambda_(1)
         self.y, self.rate, self.before = self.interaction.y(0), self.interaction.y(1), self.interaction.y_k(1)
 
-    def write(self, frames, q):
+    def write(self, frames: Frames, q: np.ndarray) -> None:
         """Write the relation at the frames of q; its output there is the gap."""
         value = self.normal(frames, self.C[0])
         self.C[0] *= self.side
         self.tangent(frames, self.C[1])
         self.e[0] = self.side * value + self.room - self.C[0] @ q
 
-    def add(self, found):
+    def add(self, found: dict[str, float]) -> None:
         """Add its impulses to those of the guide's columns."""
         normal, friction = self.P.tolist()
         found[self.resultant] += self.side * normal
@@ -165,16 +175,18 @@ class Contact:
 
 
 class Mechanism:
-    """The scene as a system of Siconos; the largest mass is the unit of mass, so that impulses have the size of speeds."""
+    """The scene as a system of Siconos; its largest mass is the unit of mass, so that impulses are about speeds."""
 
-    def __init__(self, scene, h, chosen):
+    def __init__(self, scene: Scene, h: float, chosen: Scene) -> None:
         bodies, self.h = scene["bodies"], h
         place = {name: i for i, name in enumerate(bodies)}
         mass = [m for body in bodies.values() for m in (body["mass"], body["mass"], body["inertia"])]
         self.n, self.unit = len(mass), max(body["mass"] for body in bodies.values())
         self.mass = np.array([*mass, ENDLESS * self.unit]) / self.unit
         self.weight = self.mass[:-1] * self.unit * np.tile((*scene["gravity"], 0.0), len(bodies))
-        self.held, self.names, self.contacts = [], [], []  # rows that are held, columns of their forces, corners
+        self.held: list[tuple[Function, Law]] = []
+        self.names: list[str] = []  # columns of the forces of what is held
+        self.contacts: list[Contact] = []
         clearance = chosen["clearance"] * size_of(scene)
         for name, joint in scene["joints"].items():
             if joint["type"] == "revolute":
@@ -184,7 +196,7 @@ class Mechanism:
             self.contacts += [Contact(name, joint, corner, clearance, chosen["restitution"], place)
                               for corner in (range(4) if joint["length"] else (0, 2))]
             if not joint["length"]:
-                self._hold(f"{name}.moment", angle(place, (joint["slider"], joint["guide"])), joint["angle"])
+                self._hold(f"{name}.moment", angle(place, [joint["slider"], joint["guide"]]), joint["angle"])
         for name, drive in scene["drives"].items():
             self._hold(f"{name}.effort", coordinate(place, drive), drive["law"])
         self.springs = [(coordinate(place, spring), spring["stiffness"], spring["damping"],
@@ -198,11 +210,11 @@ class Mechanism:
         self._build([x for body in bodies.values() for x in (*body["position"], body["angle"])],
                     [x for body in bodies.values() for x in (*body["velocity"], body["angular_velocity"])], chosen)
 
-    def _hold(self, column, function, law):
+    def _hold(self, column: str, function: Function, law: Scene | float) -> None:
         self.names.append(column)
         self.held.append((function, Law(law if isinstance(law, dict) else {"type": "constant", "value": law})))
 
-    def _build(self, q, v, chosen):
+    def _build(self, q: list[float], v: list[float], chosen: Scene) -> None:
         """Make the kernel's objects."""
         system = kernel.LagrangianDS(np.array([*q, 0.0]), np.array([*v, 1.0]), np.diag(self.mass))
         system.setFExtPtr(np.zeros(self.n + 1))
@@ -226,28 +238,21 @@ class Mechanism:
         self.q, self.v, self.applied, self.total = system.q(), system.velocity(), system.fExt(), system.forces()
         self.W, self.integers, self.reals = system.mass(), options.iparam, options.dparam
         self.theta, self.tolerance = chosen["theta"], chosen["tolerance"]
-        self.J, self.L = (relation.C(), bilateral.lambda_(1)) if self.held else (np.zeros((0, self.n + 1)), np.zeros(0))
-        self.slips = {}  # direction of each guide with friction, by its column
+        self.J, self.L = np.zeros((0, self.n + 1)), np.zeros(0)
+        if self.held:
+            self.J, self.L = relation.C(), bilateral.lambda_(1)
+        self.slips: dict[str, int] = {}  # direction of each guide with friction, by its column
         for contact in self.contacts:
             contact.look()
 
-    def _frames(self, q):
+    def _frames(self, q: np.ndarray) -> Frames:
         """Position, cosine and sine of its angle, and angle of each body by its number; of the ground by None."""
-        frames = {None: (0.0, 0.0, 1.0, 0.0, 0.0)}
+        frames: Frames = {None: (0.0, 0.0, 1.0, 0.0, 0.0)}
         for i, (x, y, turn) in enumerate(zip(*[iter(q[:self.n].tolist())] * 3)):
             frames[i] = x, y, math.cos(turn), math.sin(turn), turn
         return frames
 
-    def refuse_dependent(self):
-        """End as a refusal where rows that are held depend on each other: the kernel solves them by an LU factorization."""
-        frames = self._frames(self.q)
-        for row, (function, _) in zip(self.J, self.held):
-            function(frames, row)
-        if self.held and (rank := np.linalg.matrix_rank(self.J[:, :-1] / np.sqrt(self.mass[:-1]))) < len(self.held):
-            print(f"{len(self.held)} constraints of which {rank} are independent; Siconos needs all to be", file=sys.stderr)
-            sys.exit(77)
-
-    def forces(self, t, frames, v):
+    def forces(self, t: float, frames: Frames, v: np.ndarray) -> np.ndarray:
         """Applied forces on all coordinates: weight, springs, loads."""
         total = self.weight.copy()
         for function, stiffness, damping, rest in self.springs:
@@ -264,7 +269,7 @@ class Mechanism:
             total[3 * i:3 * i + 3] += size * x, size * y, size * ((c * px - s * py) * y - (s * px + c * py) * x)
         return total
 
-    def step(self, t):
+    def step(self, t: float) -> list[float]:
         """Let the kernel make the step from time t; return the mean accelerations and reactions in it."""
         h, n, v = self.h, self.n, self.v.copy()
         middle = self.q + h / 2 * v
@@ -278,7 +283,7 @@ class Mechanism:
         small = self.tolerance * speed
         for contact in self.contacts:
             contact.write(frames, middle)
-            # a guide is at rest or not by its last step with a contact: what has not landed yet has the mode of the start
+            # a guide rests or not by its last step with a contact; what has not landed yet, by its start
             if contact.mode not in self.slips:
                 self.slips[contact.mode] = self._direction(contact, v, small)
             contact.law.setMu(contact.mu if self.slips[contact.mode] else contact.mus)
@@ -299,19 +304,21 @@ class Mechanism:
         impulses = self.L - r * (self.J @ self.v)
         off = self._residual(closed, impulses, v, F)
         if not off <= UNSOLVED * small:
+            rank, iterations = np.linalg.matrix_rank(held / np.sqrt(self.mass[:n])), self.integers[ITERATIONS]
             sys.exit(f"Siconos does not solve the step at t = {t:.9g} s: residual {off:.2g} m/s or rad/s after "
-                     f"{self.integers[numerics.SICONOS_IPARAM_ITER_DONE]} iterations; expected {UNSOLVED * small:.2g}")
+                     f"{iterations} iterations; expected {UNSOLVED * small:.2g} ({len(held)} constraints, {rank} of them "
+                     "independent)")
         found = dict.fromkeys(self.columns, 0.0) | dict(zip(self.names, impulses.tolist()))
         for contact in closed:
             contact.add(found)
-        row = [*((self.v - v)[:n] / h).tolist(), *(value * self.unit / h for value in found.values()),
-               *self._modes(closed, small)]
+        values = [*((self.v - v)[:n] / h).tolist(), *(value * self.unit / h for value in found.values()),
+                  *self._modes(closed, small)]
         self.total[:] = 0.0
         self.simulation.nextStep()
-        return row
+        return values
 
-    def _residual(self, closed, impulses, v, F):
-        """Largest error (m/s, rad/s) of balance, held rows, normal and tangential laws, by the kernel's results alone."""
+    def _residual(self, closed: list[Contact], impulses: np.ndarray, v: np.ndarray, F: np.ndarray) -> float:
+        """Largest error (m/s, rad/s) of balance, of what is held, and of the laws of closed contacts."""
         balance = self.mass * (self.v - v) - self.h * F - impulses @ self.J
         off = [np.abs(self.J @ self.v).max(initial=0.0)]
         for contact in closed:
@@ -324,19 +331,19 @@ class Mechanism:
                     abs(turn * friction - max(-mu * turn * normal, min(mu * turn * normal, wanted)))]
         return max(*off, np.abs(balance / self.mass).max())
 
-    def _direction(self, contact, v, small):
+    def _direction(self, contact: Contact, v: np.ndarray, small: float) -> int:
         """Direction of slip at a corner, 0 at rest."""
         slip = contact.C[1] @ v
         return 0 if abs(slip) <= AT_REST * small else 1 if slip > 0 else -1
 
-    def _modes(self, closed, small):
+    def _modes(self, closed: list[Contact], small: float) -> list[int]:
         """Directions of slip of the guides with friction, each at the corner with the largest normal force."""
         for contact in sorted(closed, key=lambda contact: contact.P[0]):
             self.slips[contact.mode] = self._direction(contact, self.v, small)
         return [self.slips[mode] for mode in self.modes]
 
 
-def size_of(scene):
+def size_of(scene: Scene) -> float:
     """The largest extent of points of pins, sliders and positions (m), as `Arrays.length_scale` of the suite."""
     joints = scene["joints"].values()
     lengths = [abs(x) for joint in joints for point in joint.get("points", ()) for x in point]
@@ -344,17 +351,16 @@ def size_of(scene):
     return max(lengths + [abs(x) for body in scene["bodies"].values() for x in body["position"]]) or 1.0
 
 
-def main(scene_file, result_file, report_file, dt, output_step, *settings):
+def main(scene_file: str, result_file: str, report_file: str, dt: str, output_step: str, *settings: str) -> None:
     """Read the scene, step to its end, write the table."""
     with open(scene_file, encoding="utf-8") as file:
         scene = json.load(file)["scene"]
-    chosen = dict(setting.split("=") for setting in settings)
-    chosen = {key: value if key == "block" else float(value) for key, value in chosen.items()}
+    pairs = (setting.split("=") for setting in settings)
+    chosen = {key: value if key == "block" else float(value) for key, value in pairs}
     steps = max(1, round(scene["t_end"] / float(dt)))
     h = scene["t_end"] / steps
     every = max(1, int(float(output_step) / h + 1e-9))
     mechanism = Mechanism(scene, h, chosen)
-    mechanism.refuse_dependent()
     labels = [f"{name}.{label}" for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
               for name in scene["bodies"] for label in labels]
     setup, iterations, n = time.process_time(), 0, mechanism.n
@@ -363,7 +369,7 @@ def main(scene_file, result_file, report_file, dt, output_step, *settings):
         for k in range(steps + 1):
             state = [*mechanism.q[:n].tolist(), *mechanism.v[:n].tolist()]
             row = mechanism.step(k * h)
-            iterations += int(mechanism.integers[numerics.SICONOS_IPARAM_ITER_DONE])
+            iterations += int(mechanism.integers[ITERATIONS])
             if k % every == 0 or k == steps:
                 print(k * h, *state, *row, sep=",", file=file)
     with open(report_file, "w", encoding="utf-8") as file:

@@ -118,11 +118,6 @@ def test_a_start_off_its_constraints_is_refused(engine):
         engine(load_scene("hard/inconsistent-position"), t_end=0.1, dt=1e-2)
 
 
-def test_constraints_that_depend_on_each_other_are_refused(engine):
-    with pytest.raises(Refused, match="constraints of which .* are independent"):
-        engine(load_scene("hard/parallelogram-flat"), t_end=0.1, dt=1e-2)
-
-
 def test_a_step_that_is_not_solved_ends_the_run(engine):
     """One iteration does not solve two corners that carry a weight; the residual is taken from velocities and impulses, not from a flag."""
     with pytest.raises(EngineFailure, match="does not solve the step at t = .* residual"):

@@ -30,8 +30,8 @@ import siconos.kernel as kernel
 import siconos.numerics as numerics
 
 Scene = dict[str, Any]
-"""Tables of a resolved scene."""
 Frames = dict[int | None, tuple[float, float, float, float, float]]
+"""Position, cosine and sine of its angle, and angle of each body by its number; of the ground by None."""
 Function = Callable[[Frames, np.ndarray], float]
 """Of the frames of all bodies a coordinate, whose derivatives go to a row."""
 ENDLESS = 1e30
@@ -145,11 +145,11 @@ class Contact:
         self.law = kernel.NewtonImpactFrictionNSL(restitution, 0.0, self.mu, 2)
         self.relation = kernel.LagrangianLinearTIR(np.zeros((2, 3 * len(place) + 1)), np.zeros(2))
         self.interaction = kernel.Interaction(self.law, self.relation)
-        surface = "lower" if self.side > 0 else "upper"
         self.resultant, self.moment = f"{name}.normal_force", f"{name}.moment"
         self.mode = f"{name}.mode" if guide["mu"] is not None else ""
-        self.normals = [f"{name}.F{corner + 1}"] if length else []
-        self.frictions = [f"{name}.friction", f"{name}.friction_{surface}"][:2 if length else 1] if self.mode else []
+        self.normals = [f"{name}.F{corner + 1}"][:bool(length)]
+        frictions = [f"{name}.friction", f"{name}.friction_{'lower' if self.side > 0 else 'upper'}"]
+        self.frictions = frictions[:2 if length else 1] if self.mode else []
 
     def look(self) -> None:
         """Take what the kernel has of it: these arrays are the kernel's own."""
@@ -184,35 +184,32 @@ class Mechanism:
         self.n, self.unit = len(mass), max(body["mass"] for body in bodies.values())
         self.mass = np.array([*mass, ENDLESS * self.unit]) / self.unit
         self.weight = self.mass[:-1] * self.unit * np.tile((*scene["gravity"], 0.0), len(bodies))
-        self.held: list[tuple[Function, Law]] = []
-        self.names: list[str] = []  # columns of the forces of what is held
+        self.held: dict[str, tuple[Function, Law]] = {}  # by the columns of their forces
         self.contacts: list[Contact] = []
         clearance = chosen["clearance"] * size_of(scene)
         for name, joint in scene["joints"].items():
             if joint["type"] == "revolute":
                 for label, axis in (("fx", (1.0, 0.0)), ("fy", (0.0, 1.0))):
-                    self._hold(f"{name}.{label}", distance(place, joint["bodies"], joint["points"], axis, True), 0.0)
+                    function = distance(place, joint["bodies"], joint["points"], axis, True)
+                    self.held[f"{name}.{label}"] = function, Law({"type": "constant", "value": 0.0})
                 continue
             self.contacts += [Contact(name, joint, corner, clearance, chosen["restitution"], place)
                               for corner in (range(4) if joint["length"] else (0, 2))]
             if not joint["length"]:
-                self._hold(f"{name}.moment", angle(place, [joint["slider"], joint["guide"]]), joint["angle"])
+                function = angle(place, [joint["slider"], joint["guide"]])
+                self.held[f"{name}.moment"] = function, Law({"type": "constant", "value": joint["angle"]})
         for name, drive in scene["drives"].items():
-            self._hold(f"{name}.effort", coordinate(place, drive), drive["law"])
+            self.held[f"{name}.effort"] = coordinate(place, drive), Law(drive["law"])
         self.springs = [(coordinate(place, spring), spring["stiffness"], spring["damping"],
                          spring["rest_angle" if spring["type"] == "torsional" else "rest_length"])
                         for spring in scene["springs"].values()]
         self.loads = [(load, place[load["body"]], Law(load["law"])) for load in scene["forces"].values()]
         guides = [column for contact in self.contacts
                   for column in (contact.resultant, contact.moment, *contact.normals, *contact.frictions)]
-        self.columns = list(dict.fromkeys([*self.names, *guides]))
+        self.columns = list(dict.fromkeys([*self.held, *guides]))
         self.modes = list(dict.fromkeys(contact.mode for contact in self.contacts if contact.mode))
         self._build([x for body in bodies.values() for x in (*body["position"], body["angle"])],
                     [x for body in bodies.values() for x in (*body["velocity"], body["angular_velocity"])], chosen)
-
-    def _hold(self, column: str, function: Function, law: Scene | float) -> None:
-        self.names.append(column)
-        self.held.append((function, Law(law if isinstance(law, dict) else {"type": "constant", "value": law})))
 
     def _build(self, q: list[float], v: list[float], chosen: Scene) -> None:
         """Make the kernel's objects."""
@@ -245,13 +242,6 @@ class Mechanism:
         for contact in self.contacts:
             contact.look()
 
-    def _frames(self, q: np.ndarray) -> Frames:
-        """Position, cosine and sine of its angle, and angle of each body by its number; of the ground by None."""
-        frames: Frames = {None: (0.0, 0.0, 1.0, 0.0, 0.0)}
-        for i, (x, y, turn) in enumerate(zip(*[iter(q[:self.n].tolist())] * 3)):
-            frames[i] = x, y, math.cos(turn), math.sin(turn), turn
-        return frames
-
     def forces(self, t: float, frames: Frames, v: np.ndarray) -> np.ndarray:
         """Applied forces on all coordinates: weight, springs, loads."""
         total = self.weight.copy()
@@ -273,10 +263,12 @@ class Mechanism:
         """Let the kernel make the step from time t; return the mean accelerations and reactions in it."""
         h, n, v = self.h, self.n, self.v.copy()
         middle = self.q + h / 2 * v
-        frames = self._frames(middle)
+        frames: Frames = {None: (0.0, 0.0, 1.0, 0.0, 0.0)}
+        for i, (x, y, turn) in enumerate(zip(*[iter(middle[:n].tolist())] * 3)):
+            frames[i] = x, y, math.cos(turn), math.sin(turn), turn
         F = np.zeros(n + 1)
         F[:n] = self.forces(t + h / 2, frames, v[:n]) / self.unit
-        for row, (function, law) in zip(self.J, self.held):
+        for row, (function, law) in zip(self.J, self.held.values()):
             wanted, rate = law(t + h / 2)
             row[n] = (function(frames, row) - wanted) / h - rate
         speed = max(np.abs(v[:n]).max(), h * np.abs(F / self.mass).max(), 1e-300)
@@ -306,9 +298,9 @@ class Mechanism:
         if not off <= UNSOLVED * small:
             rank, iterations = np.linalg.matrix_rank(held / np.sqrt(self.mass[:n])), self.integers[ITERATIONS]
             sys.exit(f"Siconos does not solve the step at t = {t:.9g} s: residual {off:.2g} m/s or rad/s after "
-                     f"{iterations} iterations; expected {UNSOLVED * small:.2g} ({len(held)} constraints, {rank} of them "
-                     "independent)")
-        found = dict.fromkeys(self.columns, 0.0) | dict(zip(self.names, impulses.tolist()))
+                     f"{iterations} iterations; expected {UNSOLVED * small:.2g} ({len(held)} constraints, {rank} of "
+                     "them independent)")
+        found = dict.fromkeys(self.columns, 0.0) | dict(zip(self.held, impulses.tolist()))
         for contact in closed:
             contact.add(found)
         values = [*((self.v - v)[:n] / h).tolist(), *(value * self.unit / h for value in found.values()),

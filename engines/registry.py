@@ -31,7 +31,7 @@ BUILT_IN = {"reference": "stiction.engines.reference.engine:ReferenceEngine",
             "drake": "stiction.engines.drake.engine:DrakeEngine",
             "dart": "stiction.engines.dart.engine:DartEngine"}
 PROGRAMS = {"siconos": "stiction.engines.siconos.engine:SiconosEngine"}
-"""Engines whose declarations the suite ships, and whose programs an installation may lack."""
+"""Engines whose declarations the suite ships and the system runs. Comparisons have them where they are named."""
 EXTRAS = ("pybullet", "mujoco", "drake", "dart")
 """Engines that an installation may lack; extras of the same names bring them."""
 _PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mujoco": "mujoco-core", "drake": "drake",

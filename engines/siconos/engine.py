@@ -26,12 +26,7 @@ class SiconosEngine(ProgramEngine):
     `solver.py` beside this module is the program, ``siconos.toml`` its declaration with the settings: `theta` of
     MoreauJeanOSI; `clearance` in parts of the mechanism's size and `restitution`, as of
     `stiction.engines.reference.moreau.MoreauEngine`; `tolerance` of a step, in parts of its largest speed;
-    `iterations` of Gauss-Seidel; `block`, the solver of one contact in an iteration, one of `BLOCKS`.
-
-    Raises
-    ------
-    EngineMissing
-        If the Python of the system has no Siconos; it says what brings it.
+    `iterations` of Gauss-Seidel; `block`, the solver of one contact in an iteration: nsgs, cpg, lemke or enum.
     """
 
     name = "siconos"

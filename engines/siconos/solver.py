@@ -25,10 +25,6 @@ from typing import Any
 
 import numpy as np
 
-import siconos
-import siconos.kernel as kernel
-import siconos.numerics as numerics
-
 Scene = dict[str, Any]
 Frames = dict[int | None, tuple[float, float, float, float, float]]
 """Position, cosine and sine of its angle, and angle of each body by its number; of the ground by None."""
@@ -37,12 +33,9 @@ Function = Callable[[Frames, np.ndarray], float]
 ENDLESS = 1e30
 """Inertia of the clock: what a force does to its rate is below rounding."""
 STIFF = 1e4
-"""r times J M^-1 J': iterations per step in case 1 are 561 without, 52, 39 and 38 with 1e2, 1e4 and 1e6."""
+"""r times J M^-1 J': iterations per step in case 1 are 561 without, 44, 39 and 39 with 1e2, 1e4 and 1e6."""
 AT_REST, UNSOLVED = 100, 1000
 """Times the tolerance: slip that counts as none; residual of a step with which the program ends."""
-BLOCKS = {"nsgs": numerics.SICONOS_FRICTION_2D_NSGS, "cpg": numerics.SICONOS_FRICTION_2D_CPG,
-          "lemke": numerics.SICONOS_FRICTION_2D_LEMKE, "enum": numerics.SICONOS_FRICTION_2D_ENUM}
-ITERATIONS = numerics.SICONOS_IPARAM_ITER_DONE
 BLOCK = 3
 """Place of the solver of a contact in the plane among those inside GenericMechanical's."""
 
@@ -132,6 +125,8 @@ class Contact:
 
     def __init__(self, name: str, guide: Scene, corner: int, clearance: float, restitution: float,
                  place: dict[str, int]) -> None:
+        import siconos.kernel as kernel  # late: this module can be read where there is none
+
         (x, y), length, half = guide["direction"], guide["length"] or 0.0, (guide["width"] or 0.0) / 2
         self.side, front = ((1, -1), (1, 1), (-1, 1), (-1, -1))[corner]
         self.along, self.across, self.room = front * length / 2, -self.side * half, half + clearance
@@ -213,6 +208,9 @@ class Mechanism:
 
     def _build(self, q: list[float], v: list[float], chosen: Scene) -> None:
         """Make the kernel's objects."""
+        import siconos.kernel as kernel
+        import siconos.numerics as numerics
+
         system = kernel.LagrangianDS(np.array([*q, 0.0]), np.array([*v, 1.0]), np.diag(self.mass))
         system.setFExtPtr(np.zeros(self.n + 1))
         model = kernel.NonSmoothDynamicalSystem(0.0, 1e12)  # its end, which is never reached
@@ -226,7 +224,9 @@ class Mechanism:
         problem = kernel.GenericMechanical()
         options = problem.numericsSolverOptions()
         options.iparam[numerics.SICONOS_IPARAM_MAX_ITER] = int(chosen["iterations"])
-        kernel.solver_options_update_internal(options, BLOCK, BLOCKS[chosen["block"]])
+        block = getattr(numerics, f"SICONOS_FRICTION_2D_{chosen['block'].upper()}")
+        kernel.solver_options_update_internal(options, BLOCK, block)
+        self.precision, self.done = numerics.SICONOS_DPARAM_TOL, numerics.SICONOS_IPARAM_ITER_DONE
         self.simulation = kernel.TimeStepping(model, kernel.TimeDiscretisation(0.0, self.h),
                                               kernel.MoreauJeanOSI(chosen["theta"]), problem)
         self.simulation.setNewtonOptions(kernel.SICONOS_TS_LINEAR)
@@ -286,7 +286,7 @@ class Mechanism:
         self.applied[:n] -= (r * (self.J @ v)) @ held / h
         self.applied /= self.theta  # what the kernel has of the step before counts 1 - theta, and is zero: see below
         # errors of the kernel are absolute in what is held, and relative to 1 + speed in contacts
-        self.reals[numerics.SICONOS_DPARAM_TOL] = small * (1 / (1 + speed) + 1e-3)
+        self.reals[self.precision] = small * (1 / (1 + speed) + 1e-3)
         self.simulation.updateOutput()
         for contact in self.contacts:
             contact.before[:] = contact.rate  # for restitution; the kernel has that by the matrix of the step before
@@ -296,7 +296,7 @@ class Mechanism:
         impulses = self.L - r * (self.J @ self.v)
         off = self._residual(closed, impulses, v, F)
         if not off <= UNSOLVED * small:
-            rank, iterations = np.linalg.matrix_rank(held / np.sqrt(self.mass[:n])), self.integers[ITERATIONS]
+            rank, iterations = np.linalg.matrix_rank(held / np.sqrt(self.mass[:n])), self.integers[self.done]
             sys.exit(f"Siconos does not solve the step at t = {t:.9g} s: residual {off:.2g} m/s or rad/s after "
                      f"{iterations} iterations; expected {UNSOLVED * small:.2g} ({len(held)} constraints, {rank} of "
                      "them independent)")
@@ -361,7 +361,7 @@ def main(scene_file: str, result_file: str, report_file: str, dt: str, output_st
         for k in range(steps + 1):
             state = [*mechanism.q[:n].tolist(), *mechanism.v[:n].tolist()]
             row = mechanism.step(k * h)
-            iterations += int(mechanism.integers[ITERATIONS])
+            iterations += int(mechanism.integers[mechanism.done])
             if k % every == 0 or k == steps:
                 print(k * h, *state, *row, sep=",", file=file)
     with open(report_file, "w", encoding="utf-8") as file:
@@ -369,4 +369,6 @@ def main(scene_file: str, result_file: str, report_file: str, dt: str, output_st
 
 
 if __name__ == "__main__":
+    import siconos.kernel  # a version without it is none
+
     print(siconos.version) if sys.argv[1:] == ["--version"] else main(*sys.argv[1:])

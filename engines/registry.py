@@ -30,6 +30,8 @@ BUILT_IN = {"reference": "stiction.engines.reference.engine:ReferenceEngine",
             "mujoco": "stiction.engines.mujoco.engine:MujocoEngine",
             "drake": "stiction.engines.drake.engine:DrakeEngine",
             "dart": "stiction.engines.dart.engine:DartEngine"}
+PROGRAMS = {"siconos": "stiction.engines.siconos.engine:SiconosEngine"}
+"""Engines whose declarations the suite ships and the system runs. Comparisons have them where they are named."""
 EXTRAS = ("pybullet", "mujoco", "drake", "dart")
 """Engines that an installation may lack; extras of the same names bring them."""
 _PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mujoco": "mujoco-core", "drake": "drake",
@@ -67,7 +69,8 @@ class EngineBroken(EngineMissing):
 
 def engine_names() -> list[str]:
     """Names that `load_engine` knows: the suite's engines, then those of entry points."""
-    return [*BUILT_IN, *sorted(_announced(tuple(sys.path)).keys() - BUILT_IN.keys())]
+    own = {**BUILT_IN, **PROGRAMS}
+    return [*own, *sorted(_announced(tuple(sys.path)).keys() - own.keys())]
 
 
 def is_file(name: str) -> bool:
@@ -120,10 +123,10 @@ def load_engine(name: str) -> Engine:
         if not Path(name).is_file():
             raise UnknownEngine(f"engine: found no file {name!r}; expected the declaration of a program, or an FMU")
         return _of_file(Path(name).resolve())
-    if name not in BUILT_IN and name not in _announced(tuple(sys.path)):
+    if name not in {**BUILT_IN, **PROGRAMS} and name not in _announced(tuple(sys.path)):
         _announced.cache_clear()  # its package may have been installed since
     others = _announced(tuple(sys.path))
-    addresses = {**others, **BUILT_IN}
+    addresses = {**others, **BUILT_IN, **PROGRAMS}
     address = addresses.get(name, name)
     module, _, attribute = address.partition(":")
     if not module or not attribute:

@@ -14,7 +14,7 @@ from functools import cache
 from stiction.comparisons.campaigns.campaign import CAMPAIGNS, Campaign, load_campaign
 from stiction.comparisons.depth import Depth, Extent, down_to
 from stiction.comparisons.variants import Variant
-from stiction.engines.registry import absolute_name, engine_names
+from stiction.engines.registry import PROGRAMS, absolute_name, engine_names
 
 REFERENCE = "reference"
 
@@ -26,9 +26,13 @@ def validation_campaign() -> Campaign:
 
 
 def participants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
-    """Return all variants of the reference and of these engines, all known ones where None; those of the file first."""
+    """Return all variants of the reference and of these engines; those of the file first.
+
+    Where None, of all known ones but `PROGRAMS`, which take part where they are named.
+    """
     campaign = validation_campaign()
-    chosen = dict.fromkeys([REFERENCE, *(engine_names() if engines is None else map(absolute_name, engines))])
+    known_here = [name for name in engine_names() if name not in PROGRAMS]
+    chosen = dict.fromkeys([REFERENCE, *(known_here if engines is None else map(absolute_name, engines))])
     known = {variant.engine for variant in campaign.variants}
     return (*(variant for variant in campaign.variants if variant.engine in chosen),
             *(variant for name in chosen if name not in known for variant in campaign.variants_of(name)))

@@ -1,0 +1,374 @@
+"""Moreau-Jean time stepping of a resolved scene by the kernel of Siconos: a program for a Python that has it.
+
+All bodies are one LagrangianDS with q = (x, y, angle of each body, time). Time is a coordinate of rate 1 and endless
+inertia, so that a row of a relation may hold what the clock adds to it. Relations are LagrangianLinearTIR whose
+matrices are those of the mechanism at q_M = q + h/2 v, t_M = t + h/2, written in place before each step: one for all
+that is held (pins, drives, angles of sliders without length), with an EqualityConditionNSL, and one for each corner
+that may touch a surface, normal and tangent, with a NewtonImpactFrictionNSL. MoreauJeanOSI steps, GenericMechanical
+solves:
+
+    M (v+ - v) = h F(t_M, q_M, v) + J' L + sum of C' P,    q+ = q + h (theta v+ + (1 - theta) v)
+    J v+ = rate - Phi/h,    0 <= P_N _|_ C_N (v+ + e v) >= 0,    |P_T| <= mu P_N, against the slip C_T v+
+
+A corner takes part where its gap at q_M is not positive: the kernel asks for y + h/2 y' <= 0. What is held adds
+r J' (rate - Phi/h - J v+), which is zero in the solution, to the balance: M + r J'J instead of M is what Gauss-Seidel
+sees, and then held rows and corners hardly depend on each other (the method of multipliers, Hestenes 1969).
+"""
+
+import bisect
+import json
+import math
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+Scene = dict[str, Any]
+Frames = dict[int | None, tuple[float, float, float, float, float]]
+"""Position, cosine and sine of its angle, and angle of each body by its number; of the ground by None."""
+Function = Callable[[Frames, np.ndarray], float]
+"""Of the frames of all bodies a coordinate, whose derivatives go to a row."""
+ENDLESS = 1e30
+"""Inertia of the clock: what a force does to its rate is below rounding."""
+STIFF = 1e4
+"""r times J M^-1 J': iterations per step in case 1 are 561 without, 44, 39 and 39 with 1e2, 1e4 and 1e6."""
+AT_REST, UNSOLVED = 100, 1000
+"""Times the tolerance: slip that counts as none; residual of a step with which the program ends."""
+BLOCK = 3
+"""Place of the solver of a contact in the plane among those inside GenericMechanical's."""
+
+
+class Law:
+    """Value and rate of a law of time."""
+
+    def __init__(self, data: Scene) -> None:
+        self.data, self.kind = data, data["type"]
+        if self.kind == "table":
+            x, y = np.array(data["times"]), np.array(data["values"])
+            bend, h = np.zeros(len(x)), np.diff(x)
+            if data["interpolation"] == "cubic" and len(x) > 2:  # natural spline: slopes without jumps
+                matrix = np.diag(2 * (h[:-1] + h[1:])) + np.diag(h[1:-1], 1) + np.diag(h[1:-1], -1)
+                bend[1:-1] = np.linalg.solve(matrix, 6 * np.diff(np.diff(y) / h))
+            self.x, self.y, self.bend = x.tolist(), y.tolist(), bend.tolist()
+
+    def __call__(self, t: float) -> tuple[float, float]:
+        data = self.data
+        if self.kind == "constant":
+            return data["value"], 0.0
+        if self.kind == "linear":
+            return data["offset"] + data["rate"] * t, data["rate"]
+        if self.kind == "sine":
+            size, rate, phase = data["amplitude"], data["frequency"], data["frequency"] * t + data["phase"]
+            return data["offset"] + size * math.sin(phase), size * rate * math.cos(phase)
+        x, y, cubic = self.x, self.y, data["interpolation"] == "cubic"
+        at = min(max(t, x[0]), x[-1])  # outside: the end's tangent, or the end value
+        i = min(bisect.bisect_right(x, at), len(x) - 1)
+        h, u, s, (a, b) = x[i] - x[i - 1], at - x[i - 1], x[i] - at, self.bend[i - 1:i + 1]
+        value = (a * s ** 3 + b * u ** 3) / (6 * h) + (y[i - 1] / h - a * h / 6) * s + (y[i] / h - b * h / 6) * u
+        rate = (b * u ** 2 - a * s ** 2) / (2 * h) + (y[i] - y[i - 1]) / h - h / 6 * (b - a)
+        return (value + rate * (t - at), rate) if cubic else (value, rate if at == t else 0.0)
+
+
+def angle(place: dict[str, int], bodies: list[str]) -> Function:
+    """Make the function of the angle between two bodies."""
+    a, b = (place.get(name) for name in bodies)
+
+    def at(frames: Frames, row: np.ndarray) -> float:
+        for i, sign in ((a, 1.0), (b, -1.0)):
+            if i is not None:
+                row[3 * i + 2] = sign
+        return frames[a][4] - frames[b][4]
+
+    return at
+
+
+def distance(place: dict[str, int], bodies: list[str], points: Any, axis: Any = None,
+             of_ground: bool = False) -> Function:
+    """Make the function of the distance of two points, or of their coordinate along an axis.
+
+    The axis is the second body's, or the ground's.
+    """
+    (a, b), ((ax, ay), (bx, by)) = (place.get(name) for name in bodies), points
+
+    def at(frames: Frames, row: np.ndarray) -> float:
+        x, y, c, s, _ = frames[a]
+        u, v, k, z, _ = frames[b]
+        px, py, ox, oy = c * ax - s * ay, s * ax + c * ay, k * bx - z * by, z * bx + k * by
+        lx, ly = x + px - u, y + py - v  # the first point from the centre of the second body
+        dx, dy = ex, ey = lx - ox, ly - oy
+        if axis:
+            ex, ey = axis if of_ground else (k * axis[0] - z * axis[1], z * axis[0] + k * axis[1])
+        if of_ground:
+            lx, ly = ox, oy
+        size = math.hypot(ex, ey) or 1.0
+        ex, ey = ex / size, ey / size
+        if a is not None:
+            row[3 * a:3 * a + 3] = ex, ey, px * ey - py * ex
+        if b is not None:
+            row[3 * b:3 * b + 3] = -ex, -ey, ly * ex - lx * ey
+        return ex * dx + ey * dy
+
+    return at
+
+
+def coordinate(place: dict[str, int], element: Scene) -> Function:
+    """Make the function of a drive or a spring."""
+    if element["type"] in ("angle", "torsional"):
+        return angle(place, element["bodies"])
+    return distance(place, element["bodies"], element["points"], element["axis"])
+
+
+class Contact:
+    """A corner of a slider beside a surface of its guide: side 1 pushes along the normal, -1 against it."""
+
+    def __init__(self, name: str, guide: Scene, corner: int, clearance: float, restitution: float,
+                 place: dict[str, int]) -> None:
+        import siconos.kernel as kernel  # late: this module can be read where there is none
+
+        (x, y), length, half = guide["direction"], guide["length"] or 0.0, (guide["width"] or 0.0) / 2
+        self.side, front = ((1, -1), (1, 1), (-1, 1), (-1, -1))[corner]
+        self.along, self.across, self.room = front * length / 2, -self.side * half, half + clearance
+        turn = math.atan2(y, x) - guide["angle"]
+        c, s = math.cos(turn), math.sin(turn)
+        lever = c * self.along - s * self.across, s * self.along + c * self.across
+        points = [p + d for p, d in zip(guide["slider_point"], lever)], guide["point"]
+        bodies = [guide["slider"], guide["guide"]]
+        self.normal, self.tangent = distance(place, bodies, points, (-y, x)), distance(place, bodies, points, (x, y))
+        self.mu, self.mus, self.restitution = guide["mu"] or 0.0, guide["mus"] or 0.0, restitution
+        self.law = kernel.NewtonImpactFrictionNSL(restitution, 0.0, self.mu, 2)
+        self.relation = kernel.LagrangianLinearTIR(np.zeros((2, 3 * len(place) + 1)), np.zeros(2))
+        self.interaction = kernel.Interaction(self.law, self.relation)
+        self.resultant, self.moment = f"{name}.normal_force", f"{name}.moment"
+        self.mode = f"{name}.mode" if guide["mu"] is not None else ""
+        self.normals = [f"{name}.F{corner + 1}"][:bool(length)]
+        frictions = [f"{name}.friction", f"{name}.friction_{'lower' if self.side > 0 else 'upper'}"]
+        self.frictions = frictions[:2 if length else 1] if self.mode else []
+
+    def look(self) -> None:
+        """Take what the kernel has of it: these arrays are the kernel's own."""
+        self.C, self.e, self.P = self.relation.C(), self.relation.e(), self.interaction.lambda_(1)
+        self.y, self.rate, self.before = self.interaction.y(0), self.interaction.y(1), self.interaction.y_k(1)
+
+    def write(self, frames: Frames, q: np.ndarray) -> None:
+        """Write the relation at the frames of q; its output there is the gap."""
+        value = self.normal(frames, self.C[0])
+        self.C[0] *= self.side
+        self.tangent(frames, self.C[1])
+        self.e[0] = self.side * value + self.room - self.C[0] @ q
+
+    def add(self, found: dict[str, float]) -> None:
+        """Add its impulses to those of the guide's columns."""
+        normal, friction = self.P.tolist()
+        found[self.resultant] += self.side * normal
+        found[self.moment] += self.along * self.side * normal - self.across * friction
+        for column in self.normals:
+            found[column] += normal
+        for column in self.frictions:
+            found[column] += friction
+
+
+class Mechanism:
+    """The scene as a system of Siconos; its largest mass is the unit of mass, so that impulses are about speeds."""
+
+    def __init__(self, scene: Scene, h: float, chosen: Scene) -> None:
+        bodies, self.h = scene["bodies"], h
+        place = {name: i for i, name in enumerate(bodies)}
+        mass = [m for body in bodies.values() for m in (body["mass"], body["mass"], body["inertia"])]
+        self.n, self.unit = len(mass), max(body["mass"] for body in bodies.values())
+        self.mass = np.array([*mass, ENDLESS * self.unit]) / self.unit
+        self.weight = self.mass[:-1] * self.unit * np.tile((*scene["gravity"], 0.0), len(bodies))
+        self.held: dict[str, tuple[Function, Law]] = {}  # by the columns of their forces
+        self.contacts: list[Contact] = []
+        clearance = chosen["clearance"] * size_of(scene)
+        for name, joint in scene["joints"].items():
+            if joint["type"] == "revolute":
+                for label, axis in (("fx", (1.0, 0.0)), ("fy", (0.0, 1.0))):
+                    function = distance(place, joint["bodies"], joint["points"], axis, True)
+                    self.held[f"{name}.{label}"] = function, Law({"type": "constant", "value": 0.0})
+                continue
+            self.contacts += [Contact(name, joint, corner, clearance, chosen["restitution"], place)
+                              for corner in (range(4) if joint["length"] else (0, 2))]
+            if not joint["length"]:
+                function = angle(place, [joint["slider"], joint["guide"]])
+                self.held[f"{name}.moment"] = function, Law({"type": "constant", "value": joint["angle"]})
+        for name, drive in scene["drives"].items():
+            self.held[f"{name}.effort"] = coordinate(place, drive), Law(drive["law"])
+        self.springs = [(coordinate(place, spring), spring["stiffness"], spring["damping"],
+                         spring["rest_angle" if spring["type"] == "torsional" else "rest_length"])
+                        for spring in scene["springs"].values()]
+        self.loads = [(load, place[load["body"]], Law(load["law"])) for load in scene["forces"].values()]
+        guides = [column for contact in self.contacts
+                  for column in (contact.resultant, contact.moment, *contact.normals, *contact.frictions)]
+        self.columns = list(dict.fromkeys([*self.held, *guides]))
+        self.modes = list(dict.fromkeys(contact.mode for contact in self.contacts if contact.mode))
+        self._build([x for body in bodies.values() for x in (*body["position"], body["angle"])],
+                    [x for body in bodies.values() for x in (*body["velocity"], body["angular_velocity"])], chosen)
+
+    def _build(self, q: list[float], v: list[float], chosen: Scene) -> None:
+        """Make the kernel's objects."""
+        import siconos.kernel as kernel
+        import siconos.numerics as numerics
+
+        system = kernel.LagrangianDS(np.array([*q, 0.0]), np.array([*v, 1.0]), np.diag(self.mass))
+        system.setFExtPtr(np.zeros(self.n + 1))
+        model = kernel.NonSmoothDynamicalSystem(0.0, 1e12)  # its end, which is never reached
+        model.insertDynamicalSystem(system)
+        if self.held:
+            relation = kernel.LagrangianLinearTIR(np.zeros((len(self.held), self.n + 1)), np.zeros(len(self.held)))
+            bilateral = kernel.Interaction(kernel.EqualityConditionNSL(len(self.held)), relation)
+            model.link(bilateral, system)
+        for contact in self.contacts:
+            model.link(contact.interaction, system)
+        problem = kernel.GenericMechanical()
+        options = problem.numericsSolverOptions()
+        options.iparam[numerics.SICONOS_IPARAM_MAX_ITER] = int(chosen["iterations"])
+        block = getattr(numerics, f"SICONOS_FRICTION_2D_{chosen['block'].upper()}")
+        kernel.solver_options_update_internal(options, BLOCK, block)
+        self.precision, self.done = numerics.SICONOS_DPARAM_TOL, numerics.SICONOS_IPARAM_ITER_DONE
+        self.simulation = kernel.TimeStepping(model, kernel.TimeDiscretisation(0.0, self.h),
+                                              kernel.MoreauJeanOSI(chosen["theta"]), problem)
+        self.simulation.setNewtonOptions(kernel.SICONOS_TS_LINEAR)
+        self.simulation.initialize()
+        self.keep = system, problem, options  # who owns the arrays below
+        self.q, self.v, self.applied, self.total = system.q(), system.velocity(), system.fExt(), system.forces()
+        self.W, self.integers, self.reals = system.mass(), options.iparam, options.dparam
+        self.theta, self.tolerance = chosen["theta"], chosen["tolerance"]
+        self.J, self.L = np.zeros((0, self.n + 1)), np.zeros(0)
+        if self.held:
+            self.J, self.L = relation.C(), bilateral.lambda_(1)
+        self.slips: dict[str, int] = {}  # direction of each guide with friction, by its column
+        for contact in self.contacts:
+            contact.look()
+
+    def forces(self, t: float, frames: Frames, v: np.ndarray) -> np.ndarray:
+        """Applied forces on all coordinates: weight, springs, loads."""
+        total = self.weight.copy()
+        for function, stiffness, damping, rest in self.springs:
+            row = np.zeros(self.n)
+            value = function(frames, row)
+            total -= (stiffness * (value - rest) + damping * (row @ v)) * row
+        for load, i, law in self.loads:
+            size = law(t)[0]
+            if load["type"] == "torque":
+                total[3 * i + 2] += size
+                continue
+            (x, y), (px, py), (_, _, c, s, _) = load["direction"], load["point"], frames[i]
+            size /= math.hypot(x, y)
+            total[3 * i:3 * i + 3] += size * x, size * y, size * ((c * px - s * py) * y - (s * px + c * py) * x)
+        return total
+
+    def step(self, t: float) -> list[float]:
+        """Let the kernel make the step from time t; return the mean accelerations and reactions in it."""
+        h, n, v = self.h, self.n, self.v.copy()
+        middle = self.q + h / 2 * v
+        frames: Frames = {None: (0.0, 0.0, 1.0, 0.0, 0.0)}
+        for i, (x, y, turn) in enumerate(zip(*[iter(middle[:n].tolist())] * 3)):
+            frames[i] = x, y, math.cos(turn), math.sin(turn), turn
+        F = np.zeros(n + 1)
+        F[:n] = self.forces(t + h / 2, frames, v[:n]) / self.unit
+        for row, (function, law) in zip(self.J, self.held.values()):
+            wanted, rate = law(t + h / 2)
+            row[n] = (function(frames, row) - wanted) / h - rate
+        speed = max(np.abs(v[:n]).max(), h * np.abs(F / self.mass).max(), 1e-300)
+        small = self.tolerance * speed
+        for contact in self.contacts:
+            contact.write(frames, middle)
+            # a guide rests or not by its last step with a contact; what has not landed yet, by its start
+            if contact.mode not in self.slips:
+                self.slips[contact.mode] = self._direction(contact, v, small)
+            contact.law.setMu(contact.mu if self.slips[contact.mode] else contact.mus)
+        held = self.J[:, :n]
+        r = STIFF / np.maximum((held * held) @ (1 / self.mass[:n]), 1e-300)
+        self.W[:n, :n] = np.diag(self.mass[:n]) + (held.T * r) @ held
+        self.applied[:] = F
+        self.applied[:n] -= (r * (self.J @ v)) @ held / h
+        self.applied /= self.theta  # what the kernel has of the step before counts 1 - theta, and is zero: see below
+        # errors of the kernel are absolute in what is held, and relative to 1 + speed in contacts
+        self.reals[self.precision] = small * (1 / (1 + speed) + 1e-3)
+        self.simulation.updateOutput()
+        for contact in self.contacts:
+            contact.before[:] = contact.rate  # for restitution; the kernel has that by the matrix of the step before
+        self.simulation.updateIndexSets()
+        closed = [contact for contact in self.contacts if contact.y[0] + 0.5 * h * contact.rate[0] <= 0]
+        self.simulation.computeOneStep()
+        impulses = self.L - r * (self.J @ self.v)
+        off = self._residual(closed, impulses, v, F)
+        if not off <= UNSOLVED * small:
+            rank, iterations = np.linalg.matrix_rank(held / np.sqrt(self.mass[:n])), self.integers[self.done]
+            sys.exit(f"Siconos does not solve the step at t = {t:.9g} s: residual {off:.2g} m/s or rad/s after "
+                     f"{iterations} iterations; expected {UNSOLVED * small:.2g} ({len(held)} constraints, {rank} of "
+                     "them independent)")
+        found = dict.fromkeys(self.columns, 0.0) | dict(zip(self.held, impulses.tolist()))
+        for contact in closed:
+            contact.add(found)
+        values = [*((self.v - v)[:n] / h).tolist(), *(value * self.unit / h for value in found.values()),
+                  *self._modes(closed, small)]
+        self.total[:] = 0.0
+        self.simulation.nextStep()
+        return values
+
+    def _residual(self, closed: list[Contact], impulses: np.ndarray, v: np.ndarray, F: np.ndarray) -> float:
+        """Largest error (m/s, rad/s) of balance, of what is held, and of the laws of closed contacts."""
+        balance = self.mass * (self.v - v) - self.h * F - impulses @ self.J
+        off = [np.abs(self.J @ self.v).max(initial=0.0)]
+        for contact in closed:
+            C, (normal, friction) = contact.C, contact.P.tolist()
+            balance -= contact.P @ C
+            gap_rate, slip = (C @ self.v).tolist()
+            (gain, turn), mu = ((C * C) @ (1 / self.mass)).tolist(), contact.law.mu()
+            wanted = turn * friction - slip
+            off += [abs(min(gap_rate + contact.restitution * (C[0] @ v), gain * normal)),
+                    abs(turn * friction - max(-mu * turn * normal, min(mu * turn * normal, wanted)))]
+        return max(*off, np.abs(balance / self.mass).max())
+
+    def _direction(self, contact: Contact, v: np.ndarray, small: float) -> int:
+        """Direction of slip at a corner, 0 at rest."""
+        slip = contact.C[1] @ v
+        return 0 if abs(slip) <= AT_REST * small else 1 if slip > 0 else -1
+
+    def _modes(self, closed: list[Contact], small: float) -> list[int]:
+        """Directions of slip of the guides with friction, each at the corner with the largest normal force."""
+        for contact in sorted(closed, key=lambda contact: contact.P[0]):
+            self.slips[contact.mode] = self._direction(contact, self.v, small)
+        return [self.slips[mode] for mode in self.modes]
+
+
+def size_of(scene: Scene) -> float:
+    """The largest extent of points of pins, sliders and positions (m), as `Arrays.length_scale` of the suite."""
+    joints = scene["joints"].values()
+    lengths = [abs(x) for joint in joints for point in joint.get("points", ()) for x in point]
+    lengths += [joint.get(key) or 0.0 for joint in joints for key in ("length", "width")]
+    return max(lengths + [abs(x) for body in scene["bodies"].values() for x in body["position"]]) or 1.0
+
+
+def main(scene_file: str, result_file: str, report_file: str, dt: str, output_step: str, *settings: str) -> None:
+    """Read the scene, step to its end, write the table."""
+    with open(scene_file, encoding="utf-8") as file:
+        scene = json.load(file)["scene"]
+    pairs = (setting.split("=") for setting in settings)
+    chosen = {key: value if key == "block" else float(value) for key, value in pairs}
+    steps = max(1, round(scene["t_end"] / float(dt)))
+    h = scene["t_end"] / steps
+    every = max(1, int(float(output_step) / h + 1e-9))
+    mechanism = Mechanism(scene, h, chosen)
+    labels = [f"{name}.{label}" for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
+              for name in scene["bodies"] for label in labels]
+    setup, iterations, n = time.process_time(), 0, mechanism.n
+    with open(result_file, "w", encoding="utf-8") as file:
+        print("t", *labels, *mechanism.columns, *mechanism.modes, sep=",", file=file)
+        for k in range(steps + 1):
+            state = [*mechanism.q[:n].tolist(), *mechanism.v[:n].tolist()]
+            row = mechanism.step(k * h)
+            iterations += int(mechanism.integers[mechanism.done])
+            if k % every == 0 or k == steps:
+                print(k * h, *state, *row, sep=",", file=file)
+    with open(report_file, "w", encoding="utf-8") as file:
+        json.dump({"setup_s": setup, "counters": {"steps": steps + 1, "iterations": iterations}}, file)
+
+
+if __name__ == "__main__":
+    import siconos.kernel  # a version without it is none
+
+    print(siconos.version) if sys.argv[1:] == ["--version"] else main(*sys.argv[1:])

@@ -5,6 +5,7 @@ A run is reduced to a few numbers, a truth in the same way, so that what the def
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,8 @@ LET_GO = 1e-3
 coefficients of 0.3 and 0.2; a load that creeps as fast is not held."""
 AFTER = 0.05
 """Seconds after letting go over which the acceleration is taken."""
+INSTANTS = 300
+"""At most, for a slope: it is the median over all pairs."""
 LEVEL = 0.95
 """Level of the interval of a slope."""
 
@@ -78,7 +81,8 @@ def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, round
     floor = rounding / float(times[-1] - times[0])
     creep = Uncertain(0.0, floor)
     if np.ptp(place) > rounding:
-        slope, _, low, high = theilslopes(place, times, LEVEL)
+        every = math.ceil(len(times) / INSTANTS)
+        slope, _, low, high = theilslopes(place[::every], times[::every], LEVEL)
         creep = Uncertain(float(slope), max(float(high - slope), float(slope - low)) + floor)
     let_go = _let_go(t[after], np.abs(velocity[after]))
     acceleration = None

@@ -55,6 +55,8 @@ TRUE_STEP = 1e-4
 """Seconds between samples of a truth."""
 STILL = 1e-9
 """m/s: a method holds if it creeps no faster, 32 mm in a year, or no faster than the uncertainty of its creep."""
+USUAL = 0.9
+"""Largest load, as a part of the limit, by which a method is judged: beyond it, small errors of the bound decide."""
 BAND = 0.2
 """An exponent obeys a law if its interval is no farther from the law's; those next to 1 in question are 1/2, 2 and 0."""
 FLOOR = 1e-15
@@ -293,7 +295,7 @@ def _break_away(scene: Scene, found: Slip, exact: Slip) -> dict[str, Any]:
 def methods_table(table: pd.DataFrame) -> pd.DataFrame:
     """A row per method at the step nearest to `COMMON_STEP`, on all scenes of the depth.
 
-    `HOLDS`: every load of at most 90 % is held, within `STILL` or the uncertainty. ``worst``: the row, from 0, of its
+    `HOLDS`: every load of at most `USUAL` is held, within `STILL` or the uncertainty. ``worst``: the row, from 0, of its
     fastest creep there. ``failed``: the runs that failed.
     """
     own = with_columns(table, CREEP, UNSURE)
@@ -301,7 +303,7 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for label, runs in own.groupby("variant", sort=False):
         ranks = [rank(*pair) for pair in zip(runs["parameter"], runs["step"])]
-        runs = runs[(np.array(ranks) == min(ranks)) & (runs[LOAD] <= 0.9)]
+        runs = runs[(np.array(ranks) == min(ranks)) & (runs[LOAD] <= USUAL)]
         made = runs[succeeded(runs) & runs[CREEP].notna()]
         if runs.empty:
             continue
@@ -550,4 +552,4 @@ def _over_cost(settings: pd.DataFrame) -> Chart:
 
 
 STUDY = Study("hold", "Hold", "Does it hold, below the limit of static friction?", 4.5, present, plan, seconds=0.1,
-              takes_scene=False, takes=frozenset({"engines"}))
+              needs_scene=False, takes=frozenset({"engines"}))

@@ -15,7 +15,7 @@ from scipy.stats import theilslopes
 from stiction.comparisons.uncertain import Uncertain
 
 LANDING = 0.1
-"""Seconds after the start that a load takes to settle on contacts and clearances; displacement until then is no creep."""
+"""Seconds after the start in which a slider settles on its contacts; its displacement until then is no creep."""
 LET_GO = 1e-3
 """m/s: a slider has let go once it is faster. That is what it gains in the first step of 1 ms, g (mus - mu) dt with
 coefficients of 0.3 and 0.2; a load that creeps as fast is not held."""

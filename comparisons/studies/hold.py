@@ -25,15 +25,15 @@ from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.methods import at_equal_step, called, rank, succeeded, with_columns
-from stiction.comparisons.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Panel, Presentation, Series,
-                                               TableView, TracedText, count, interval, listed, sentence, traced, value,
-                                               view)
+from stiction.comparisons.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Panel, Presentation,
+                                               Series, TableView, TracedText, count, interval, listed, sentence, traced,
+                                               value, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT, Subject
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.timing.intervals import ratio_interval
 from stiction.comparisons.truth import NO_TRUTH
-from stiction.comparisons.variants import (COMMON_STEP, FRICTION_BY, OWN_CPU, UNMADE, Record, Variant, has_static_coefficient,
+from stiction.comparisons.variants import (FRICTION_BY, OWN_CPU, UNMADE, Record, Variant, has_static_coefficient,
                                            truth_key)
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import FIDELITIES, EngineFailure
@@ -44,6 +44,8 @@ PARAMETERS = ("part", "ramp", "v0", "limit", "mu", "mus")
 """Parameters of a scene of the study: the load is part + ramp t of the limit, and v0 the slider's speed along it."""
 HELD, RAMP, STOP = "held", "ramp", "stop"
 CREEP, UNSURE, LOAD, TEST = "creep [m/s]", "creep uncertainty [m/s]", "load [-]", "test"
+CHANGED = "changed"
+"""Column: parameters of the scene and settings of the engine that a run changes, as JSON."""
 OF_STEP, OF_ZONE, LANDED = "creep, of g dt [-]", "creep, of the regularization [-]", "landing [m]"
 BREAK_AWAY, BREAK_UNSURE = "break-away error [-]", "break-away uncertainty [-]"
 FASTER, STOPPED, STOP_UNSURE = "acceleration error [-]", "stop error [m]", "stop uncertainty [m]"
@@ -58,15 +60,17 @@ STILL = 1e-9
 USUAL = 0.9
 """Largest load, as a part of the limit, by which a method is judged: beyond it, small errors of the bound decide."""
 BAND = 0.2
-"""An exponent obeys a law if its interval is no farther from the law's; those next to 1 in question are 1/2, 2 and 0."""
+"""An exponent obeys a law if its interval is no farther from the law's than this; others in question are 0, 1/2, 2."""
 FLOOR = 1e-15
 """m/s: slower creep stands at the edge of a figure."""
 HOLDS_WORDS, FAILS_WORDS, OPEN = "obeyed", "broken", "inconclusive"
-NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its steady slip speed there. A creep below the "
-         "rounding of the coordinate over the run is 0.",
+NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its steady slip speed there. A creep below "
+         "the rounding of the coordinate over the run is 0.",
          f"A method holds if it creeps no faster than {STILL:g} m/s or the uncertainty of its creep, the median slope "
          "from 0.1 s on with its interval.",
          f"A slider has let go at {LET_GO:g} m/s; the load at which the truth is as fast is subtracted.",
+         "The load is there from the start: a method that slips while it lands meets kinetic friction, which need not "
+         "hold the load that static friction would.",
          "At joint fidelity the bound of friction is the adapter's, but for Exudyn's bristles: what creeps or lets go "
          "early there may be ours. A setting's time is that of single runs beside others.")
 
@@ -116,9 +120,10 @@ def load_data() -> Data:
 
 @dataclass(frozen=True)
 class Trial:
-    """A run: a scene with the load and coefficients of the run, and what is measured."""
+    """A run: a scene with its changed parameters, and what is measured."""
 
     scene: Scene
+    changed: Mapping[str, float]
     variant: Variant
     step: float
     test: str
@@ -139,8 +144,8 @@ class Trial:
         return f"hold/{truth_key(self.scene.name, has_static_coefficient(self.variant))}/{self.test}/truth"
 
 
-def loaded(scene: Scene, test: str, load: float, static_coefficient: bool) -> Scene:
-    """The scene under a load, with mus = mu in its limit as well for an engine without a static coefficient.
+def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> dict[str, float]:
+    """Parameters of a scene under a load; of an engine without a static coefficient mus = mu, in the limit as well.
 
     Raises
     ------
@@ -153,7 +158,7 @@ def loaded(scene: Scene, test: str, load: float, static_coefficient: bool) -> Sc
     data = load_data()
     change = {HELD: {"part": load}, RAMP: data.ramp,
               STOP: {name: data.stop[name] for name in ("part", "v0")}}[test]
-    return vary(scene, {**change, **({} if static_coefficient else {"mus": scene.parameters["mu"]})})
+    return {**change, **({} if static_coefficient else {"mus": scene.parameters["mu"]})}
 
 
 def measured(engine: str, scene: Scene, test: str, arguments: Mapping[str, Any]) -> tuple[Slip, Trajectory]:
@@ -170,7 +175,8 @@ def measured(engine: str, scene: Scene, test: str, arguments: Mapping[str, Any])
     guide = next(iter(scene.frictional_guides))
     size = max(1.0, *(float(np.max(np.abs(run[f"{body}.{name}"]))) for body in scene.bodies for name in "xy"))
     rounding = np.finfo(float).eps * size * max(1, run.cost.counters.get("steps", len(run.t)))
-    found = slip_of(run.t, run[f"{guide}.displacement"], run[f"{guide}.slip_velocity"], rounding, **_window(scene, test))
+    found = slip_of(run.t, run[f"{guide}.displacement"], run[f"{guide}.slip_velocity"], rounding,
+                    **_window(scene, test))
     ends = replace(run, t=run.t[[0, -1]], columns={name: column[[0, -1]] for name, column in run.columns.items()},
                    events=())
     return found, ends
@@ -219,12 +225,16 @@ def plan(scope: Scope) -> Comparison[Tables]:
     depth = data.depths[scope.depth]
     one = scope.scenes if len(scope.scenes) == 1 else ()
     scenes = one or tuple(map(load_scene, depth.scenes))
-    tests = [(HELD, load) for load in depth.loads] + [(RAMP, data.ramp["part"]), (STOP, data.stop["part"])] * depth.moved
-    ways = [(scene, variant, tests) for scene in scenes for variant in compared(scope)]
-    ways += [(scene, variant, tests[:len(depth.loads)]) for scene in (one or map(load_scene, depth.settings))
-             if depth.settings for variant in tried(scope)]
-    trials = [Trial(loaded(scene, test, load, has_static_coefficient(variant)), variant, step, test, load)
-              for scene, variant, chosen in ways for step in variant.ladder for test, load in chosen]
+    held = [(HELD, load) for load in depth.loads]
+    moved = [(RAMP, data.ramp["part"]), (STOP, data.stop["part"])] if depth.moved else []
+    ways = [(scene, variant, held + moved) for scene in scenes for variant in compared(scope)]
+    ways += [(scene, variant, held) for scene in (one or map(load_scene, depth.settings)) if depth.settings
+             for variant in tried(scope)]
+    trials = []
+    for scene, variant, chosen in ways:
+        for test, load in chosen:
+            changed = changes(scene, test, load, has_static_coefficient(variant))
+            trials += [Trial(vary(scene, changed), changed, variant, step, test, load) for step in variant.ladder]
     truths = {trial.truth: Task(trial.truth, true_slip, (trial.scene, trial.test))
               for trial in trials if trial.test != HELD}
     tasks = [Task(trial.key, measured, (trial.variant.engine, trial.scene, trial.test, {
@@ -247,7 +257,8 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
     record = Record(trial.key, trial.scene.name, trial.variant, trial.step, replace(outcome, value=ends))
     subject, _, setting = trial.variant.label.partition(": ")
     row = {**record.describe(), "truth": truth_key(trial.scene.name, has_static_coefficient(trial.variant)),
-           SUBJECT: subject if setting else None, SETTING: setting or None, TEST: trial.test, LOAD: trial.load}
+           SUBJECT: subject if setting else None, SETTING: setting or None, TEST: trial.test, LOAD: trial.load,
+           CHANGED: json.dumps({"set": trial.changed, "setting": trial.variant.settings}, default=str)}
     if found is None:
         return row
     if trial.test != RAMP:
@@ -295,13 +306,13 @@ def _break_away(scene: Scene, found: Slip, exact: Slip) -> dict[str, Any]:
 def methods_table(table: pd.DataFrame) -> pd.DataFrame:
     """A row per method at the step nearest to `COMMON_STEP`, on all scenes of the depth.
 
-    `HOLDS`: every load of at most `USUAL` is held, within `STILL` or the uncertainty. ``worst``: the row, from 0, of its
-    fastest creep there. ``failed``: the runs that failed.
+    `HOLDS`: every load of at most `USUAL` is held, within `STILL` or the uncertainty. `CREEP`: the fastest there, with
+    its scene and load. ``failed``: the runs that failed.
     """
     own = with_columns(table, CREEP, UNSURE)
     own = own[own[SUBJECT].isna() & own[TEST].eq(HELD) & ~own["status"].isin(UNMADE)]
     rows = []
-    for label, runs in own.groupby("variant", sort=False):
+    for _, runs in own.groupby("variant", sort=False):
         ranks = [rank(*pair) for pair in zip(runs["parameter"], runs["step"])]
         runs = runs[(np.array(ranks) == min(ranks)) & (runs[LOAD] <= USUAL)]
         made = runs[succeeded(runs) & runs[CREEP].notna()]
@@ -312,11 +323,10 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
             speed = made[CREEP].abs()
             worst = made.loc[speed.idxmax()]
             row |= {HOLDS: bool((speed <= np.maximum(STILL, made[UNSURE])).all() and len(made) == len(runs)),
-                    "worst": int(speed.idxmax()), "scene": worst["scene"], LOAD: worst[LOAD],
-                    CREEP: float(speed.max()), UNSURE: worst[UNSURE]}
+                    "scene": worst["scene"], LOAD: worst[LOAD], CREEP: float(speed.max()), UNSURE: worst[UNSURE]}
         rows.append(row)
-    return pd.DataFrame(rows, columns=["variant", "engine", "fidelity", "truth", "failed", HOLDS, "worst", "scene", LOAD,
-                                       CREEP, UNSURE])
+    return pd.DataFrame(rows, columns=["variant", "engine", "fidelity", "truth", "failed", HOLDS, "scene", LOAD, CREEP,
+                                       UNSURE])
 
 
 def laws_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -405,19 +415,31 @@ def present(results: Results) -> Presentation:
         for label, row in ranked.iterrows()})
     loads = sorted(table.loc[table[TEST] == HELD, LOAD].unique())
     figures = [_over_load(table, methods, loads), *([_over_cost(settings)] if len(settings) else [])]
-    return Presentation(answer, tuple(filter(None, (_best(settings), *_laws(laws), _failed(methods)))), (headline,),
+    findings = (_named(ranked, creeping), _best(settings), *_laws(laws), _failed(methods))
+    return Presentation(answer, tuple(filter(None, findings)), (headline,),
                         tuple(_tables(table, methods, settings, laws, loads)), tuple(figures), NOTES)
 
 
-def _speeds(methods: pd.DataFrame, creeping: pd.DataFrame) -> TracedText:
-    """The slowest and the fastest of those that creep."""
+def _speeds(methods: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
+    """The slowest and the fastest of those that creep, and the number of those that let go."""
+    creeping, gone = failing[failing[CREEP] <= LET_GO], failing[failing[CREEP] > LET_GO]
+    let_go = traced("; {} let go", count("hold-methods", methods, variant=frozenset(gone["variant"])))
     if creeping.empty:
-        return TracedText("")
+        return let_go if len(gone) else TracedText("")
     ends = [traced("{} at {} m/s", called(creeping.at[label, "variant"]),
                    value("hold-methods", methods, int(label), CREEP, unsure=UNSURE))
             for label in dict.fromkeys((creeping.index[0], creeping.index[-1]))]
-    return traced("; {} creep, {}", count("hold-methods", methods, variant=frozenset(creeping["variant"])),
-                  listed(ends, last=" to "))
+    creep = traced("; {} creep, {}", count("hold-methods", methods, variant=frozenset(creeping["variant"])),
+                   listed(ends, last=" to "))
+    return traced("{}{}", creep, let_go) if len(gone) else creep
+
+
+def _named(ranked: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
+    """The methods that hold, and those that let go, by name."""
+    holding = listed([called(label) for label in ranked.loc[ranked[HOLDS].eq(True), "variant"]])
+    gone = listed([traced("{} (on {})", called(row["variant"]), row["scene"])
+                   for _, row in failing[failing[CREEP] > LET_GO].iterrows()])
+    return traced("{}{}", sentence("At rest: {}.", holding), sentence(" Let go: {}.", gone))
 
 
 def _best(settings: pd.DataFrame) -> TracedText:
@@ -428,12 +450,12 @@ def _best(settings: pd.DataFrame) -> TracedText:
     best = int(changed[SLOWER].idxmin())
     return traced("{} slows the creep of {} most, to {} of the default's, in {} times its time.",
                   settings.at[best, SETTING], settings.at[best, SUBJECT],
-                  value("hold-settings", settings, best, SLOWER, ".2g"), value("hold-settings", settings, best, TIME, ".2g"))
+                  *(value("hold-settings", settings, best, column, ".2g") for column in (SLOWER, TIME)))
 
 
 def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
     """The verdicts, each kind in a sentence."""
-    for word in (FAILS_WORDS, HOLDS_WORDS, OPEN):
+    for word in (FAILS_WORDS, HOLDS_WORDS, OPEN) if len(laws) else ():
         found = [traced("{} over {}{}", row[SUBJECT], row["over"],
                         TracedText("") if pd.isna(row["exponent [-]"]) else
                         traced(" ({})", interval("hold-laws", laws, int(label), "exponent [-]", EXPONENT_UNSURE)))
@@ -452,24 +474,24 @@ def _failed(methods: pd.DataFrame) -> TracedText:
 def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, laws: pd.DataFrame,
             loads: Sequence[float]) -> Iterator[TableView]:
     """Creep by method and load, what is beyond the limit, settings, laws, and every run."""
-    yield view("hold", "Creep of each method, the fastest on any scene, at loads in parts of the limit; the step nearest "
-               "to 1 ms or the tightest tolerance.", _by_load(table, methods, loads),
+    at_loads = [Column(f"creep at {load:g}", f"{100 * load:g} %", "m/s", f"uncertainty at {load:g}") for load in loads]
+    yield view("hold", "Creep of each method, the fastest on any scene, at loads in parts of the limit; the step "
+               "nearest to 1 ms or the tightest tolerance.", _by_load(table, methods, loads),
                (Column("variant", "method"), Column("fidelity"), Column(FRICTION_BY, "friction law supplied by"),
-                *(Column(f"creep at {load:g}", f"{100 * load:g} %", "m/s", f"uncertainty at {load:g}") for load in loads),
-                Column("scene", "fastest on", brief=False), Column(HOLDS)))
+                *at_loads, Column("scene", "fastest on", brief=False), Column(HOLDS)))
     moved = _beyond(table, methods)
     if moved:
-        yield view("hold-limit", "What a method does besides: displacement in the first 0.1 s, load at break-away under a "
-                   "slow ramp and acceleration after it, both less the truth's; where it comes to rest less where the "
-                   "truth does. Each the worst of all scenes.", moved,
+        yield view("hold-limit", "What a method does besides: displacement in the first 0.1 s, load at break-away under "
+                   "a slow ramp and acceleration after it, both less the truth's; where it comes to rest less where "
+                   "the truth does. Each the worst of all scenes.", moved,
                    (Column("variant", "method"), Column("fidelity"), Column(LANDED, form=".2g"),
                     Column(BREAK_AWAY, "break-away, of the limit", "%", BREAK_UNSURE, interval=True, scale=100,
                            bound="bound"),
                     Column(FASTER, "acceleration", "%", form=".2g", scale=100),
                     Column(STOPPED, "stop", "m", STOP_UNSURE)), source="hold")
     if len(settings):
-        yield view("hold-settings", "Creep with each setting, one changed at a time; the fastest of all scenes and loads, "
-                   "and engine time over the default's.", settings,
+        yield view("hold-settings", "Creep with each setting, one changed at a time; the fastest of all scenes and "
+                   "loads, and engine time over the default's.", settings,
                    (Column(SUBJECT, "engine"), Column(SETTING), Column(CREEP, "creep", "m/s", UNSURE),
                     Column(SLOWER, "of the default's", form=".2g"), Column(TIME, "time, of the default's", form=".2g"),
                     Column("failed")))
@@ -494,8 +516,8 @@ def _by_load(table: pd.DataFrame, methods: pd.DataFrame,
     found = []
     for method, runs in _at_equal_step(table, methods):
         held = runs[runs[TEST].eq(HELD) & runs[CREEP].notna()]
-        supplied = runs[FRICTION_BY].dropna()
-        row = {**method[["variant", "fidelity", "scene", HOLDS]], FRICTION_BY: supplied.iloc[0] if len(supplied) else ""}
+        row = {**method[["variant", "fidelity", "scene", HOLDS]],
+               FRICTION_BY: next(iter(runs[FRICTION_BY].dropna()), "")}
         for load in loads:
             if len(there := held[held[LOAD] == load]):
                 worst = there.loc[there[CREEP].abs().idxmax()]
@@ -528,13 +550,14 @@ def _over_load(table: pd.DataFrame, methods: pd.DataFrame, loads: Sequence[float
             known = [load for load in loads if f"creep at {load:g}" in row]
             if row["fidelity"] == fidelity and known:
                 creep = np.array([row[f"creep at {load:g}"] for load in known], dtype=float)
-                series.append(Series(row["variant"], 100 * np.array(known), np.maximum(creep, FLOOR), look=row["variant"],
-                                     points=True))
+                series.append(Series(row["variant"], 100 * np.array(known), np.maximum(creep, FLOOR),
+                                     look=row["variant"], points=True))
         if series:
             panels.append(Panel(f"{fidelity} fidelity", Axis("load [% of the limit]"), Axis("creep [m/s]", log=True),
                                 series))
     return Chart("hold", "Creep over load, the fastest on any scene, at the step nearest to 1 ms or the tightest "
-                 f"tolerance. What does not creep stands at {FLOOR:g} m/s.", panels, columns=2, height=2.8, share_y=True)
+                 f"tolerance. What does not creep stands at {FLOOR:g} m/s.", panels, columns=2, height=2.8,
+                 share_y=True)
 
 
 def _over_cost(settings: pd.DataFrame) -> Chart:
@@ -542,13 +565,14 @@ def _over_cost(settings: pd.DataFrame) -> Chart:
     panels = []
     for subject, rows in settings[settings[CREEP].notna()].groupby(SUBJECT, sort=False):
         is_default = rows[SETTING] == DEFAULT
-        series = [Series(label, rows.loc[chosen, TIME].to_numpy(float), rows.loc[chosen, CREEP].clip(FLOOR).to_numpy(float),
-                         look=look, line=False, points=True)
+        series = [Series(label, rows.loc[chosen, TIME].to_numpy(float),
+                         rows.loc[chosen, CREEP].clip(FLOOR).to_numpy(float), look=look, line=False, points=True)
                   for label, look, chosen in (("another choice", OTHER, ~is_default), (DEFAULT, CHOSEN, is_default))
                   if chosen.any()]
-        panels.append(Panel(str(subject), Axis("time, of the default's", log=True), Axis("creep [m/s]", log=True), series))
-    return Chart("hold-settings", "Creep against engine time with each setting, one changed at a time: the fastest creep "
-                 f"of all scenes and loads. What does not creep stands at {FLOOR:g} m/s.", panels, height=1.9)
+        panels.append(Panel(str(subject), Axis("time, of the default's", log=True), Axis("creep [m/s]", log=True),
+                            series))
+    return Chart("hold-settings", "Creep against engine time with each setting, one changed at a time: the fastest "
+                 f"creep of all scenes and loads. What does not creep stands at {FLOOR:g} m/s.", panels, height=1.9)
 
 
 STUDY = Study("hold", "Hold", "Does it hold, below the limit of static friction?", 4.5, present, plan, seconds=0.1,

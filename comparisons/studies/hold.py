@@ -63,7 +63,7 @@ BAND = 0.2
 """An exponent obeys a law if its interval is no farther from the law's than this; others in question are 0, 1/2, 2."""
 FLOOR = 1e-15
 """m/s: slower creep stands at the edge of a figure."""
-HOLDS_WORDS, FAILS_WORDS, OPEN = "obeyed", "broken", "inconclusive"
+OBEYED, BROKEN, OPEN = "obeyed", "broken", "inconclusive"
 NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its steady slip speed there. A creep below "
          "the rounding of the coordinate over the run is 0.",
          f"A method holds if it creeps no faster than {STILL:g} m/s or the uncertainty of its creep, the median slope "
@@ -253,14 +253,15 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
 def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]:
     """A row of the table: of a failed run with its reason, of a run without truth without errors."""
-    found, ends = outcome.value or (None, None)
+    ends = outcome.value and outcome.value[1]
     record = Record(trial.key, trial.scene.name, trial.variant, trial.step, replace(outcome, value=ends))
     subject, _, setting = trial.variant.label.partition(": ")
     row = {**record.describe(), "truth": truth_key(trial.scene.name, has_static_coefficient(trial.variant)),
            SUBJECT: subject if setting else None, SETTING: setting or None, TEST: trial.test, LOAD: trial.load,
            CHANGED: json.dumps({"set": trial.changed, "setting": trial.variant.settings}, default=str)}
-    if found is None:
+    if outcome.value is None:
         return row
+    found = outcome.value[0]
     if trial.test != RAMP:
         row |= _creep(trial, found, ends)
     if trial.test == HELD:
@@ -356,16 +357,17 @@ def laws_table(table: pd.DataFrame) -> pd.DataFrame:
         rows.append({SUBJECT: law.subject, "over": law.over, "law [-]": law.exponent, "source": law.source,
                      "runs": len(runs), "exponent [-]": fitted and fitted.value,
                      EXPONENT_UNSURE: fitted and fitted.uncertainty,
-                     "verdict": verdict(fitted and fitted.value - law.exponent, fitted and fitted.uncertainty)})
+                     "verdict": verdict(fitted, law.exponent)})
     return pd.DataFrame(rows, columns=[SUBJECT, "over", "law [-]", "source", "runs", "exponent [-]", EXPONENT_UNSURE,
                                        "verdict"])
 
 
-def verdict(off: float | None, unsure: float | None) -> str:
-    """The verdict on an exponent that is off the law's by so much, with half the width of its interval."""
-    if off is None or unsure is None:
+def verdict(fitted: Uncertain | None, law: float) -> str:
+    """The verdict on an exponent with half the width of its interval."""
+    if fitted is None:
         return OPEN
-    return HOLDS_WORDS if abs(off) + unsure <= BAND else FAILS_WORDS if abs(off) - unsure > BAND else OPEN
+    off = abs(fitted.value - law)
+    return OBEYED if off + fitted.uncertainty <= BAND else BROKEN if off - fitted.uncertainty > BAND else OPEN
 
 
 def settings_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -455,7 +457,7 @@ def _best(settings: pd.DataFrame) -> TracedText:
 
 def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
     """The verdicts, each kind in a sentence."""
-    for word in (FAILS_WORDS, HOLDS_WORDS, OPEN) if len(laws) else ():
+    for word in (BROKEN, OBEYED, OPEN) if len(laws) else ():
         found = [traced("{} over {}{}", row[SUBJECT], row["over"],
                         TracedText("") if pd.isna(row["exponent [-]"]) else
                         traced(" ({})", interval("hold-laws", laws, int(label), "exponent [-]", EXPONENT_UNSURE)))
@@ -481,9 +483,9 @@ def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, 
                 *at_loads, Column("scene", "fastest on", brief=False), Column(HOLDS)))
     moved = _beyond(table, methods)
     if moved:
-        yield view("hold-limit", "What a method does besides: displacement in the first 0.1 s, load at break-away under "
-                   "a slow ramp and acceleration after it, both less the truth's; where it comes to rest less where "
-                   "the truth does. Each the worst of all scenes.", moved,
+        yield view("hold-limit", "What a method does besides: displacement in the first 0.1 s; load at break-away "
+                   "under a slow ramp and acceleration after it, both less the truth's; where it comes to rest less "
+                   "where the truth does. Each the worst of all scenes.", moved,
                    (Column("variant", "method"), Column("fidelity"), Column(LANDED, form=".2g"),
                     Column(BREAK_AWAY, "break-away, of the limit", "%", BREAK_UNSURE, interval=True, scale=100,
                            bound="bound"),

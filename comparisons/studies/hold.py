@@ -33,6 +33,7 @@ from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJE
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.timing.intervals import ratio_interval
 from stiction.comparisons.truth import NO_TRUTH
+from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import (FRICTION_BY, OWN_CPU, UNMADE, Record, Variant, has_static_coefficient,
                                            truth_key)
 from stiction.engines.isolation import Outcome, Task

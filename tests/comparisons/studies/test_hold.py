@@ -18,10 +18,11 @@ from stiction.comparisons.depth import Depth
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies import hold
 from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT
-from stiction.comparisons.studies.hold import (CREEP, FAILS_WORDS, HELD, HOLDS, HOLDS_WORDS, LOAD, OPEN, RAMP, SLOWER,
-                                               STOP, TEST, UNSURE, changes, laws_table, load_data, measured,
-                                               methods_table, plan, present, settings_table, true_slip, verdict)
+from stiction.comparisons.studies.hold import (BROKEN, CREEP, HELD, HOLDS, LOAD, OBEYED, OPEN, RAMP, SLOWER, STOP, TEST,
+                                               UNSURE, changes, laws_table, load_data, measured, methods_table, plan,
+                                               present, settings_table, true_slip, verdict)
 from stiction.comparisons.studies.study import Scope
+from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines import load_engine
 from stiction.scenes import InputError, catalogue, load_scene, vary
@@ -219,20 +220,21 @@ def exudyn(power, noise=0.0):
                                  friction_zone=zone) for setting, zone in zones.items() for load in (0.1, 0.5, 0.9)])
 
 
-@pytest.mark.parametrize(("power", "noise", "word"), [(1.0, 0.0, HOLDS_WORDS), (0.5, 0.0, FAILS_WORDS), (1.0, 2.0, OPEN)])
+@pytest.mark.parametrize(("power", "noise", "word"), [(1.0, 0.0, OBEYED), (0.5, 0.0, BROKEN), (1.0, 2.0, OPEN)])
 def test_a_law_is_obeyed_broken_or_open(power, noise, word):
     laws = laws_table(exudyn(power, noise)).set_index("over")
     assert laws.loc["friction_zone", "verdict"] == word
     if not noise:
         assert laws.loc["friction_zone", "exponent [-]"] == pytest.approx(power)
-        assert laws.loc["load", "verdict"] == HOLDS_WORDS
+        assert laws.loc["load", "verdict"] == OBEYED
 
 
 def test_creep_within_its_uncertainty_and_single_runs_decide_nothing():
     runs = exudyn(1.0)
     assert laws_table(runs.assign(**{UNSURE: 1.0})).empty
-    assert list(laws_table(runs[runs[SETTING] == DEFAULT])["verdict"]) == [OPEN, HOLDS_WORDS]
-    assert verdict(0.19, 0.02) == verdict(None, None) == OPEN and verdict(0.25, 0.02) == FAILS_WORDS
+    assert list(laws_table(runs[runs[SETTING] == DEFAULT])["verdict"]) == [OPEN, OBEYED]
+    assert verdict(Uncertain(1.19, 0.02), 1.0) == verdict(None, 1.0) == OPEN
+    assert verdict(Uncertain(1.25, 0.02), 1.0) == BROKEN and verdict(Uncertain(-0.9, 0.02), -1.0) == OBEYED
 
 
 def test_the_fastest_creep_counts_and_a_failed_run_is_not_held():

@@ -25,9 +25,9 @@ from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.methods import at_equal_step, called, rank, succeeded, with_columns
-from stiction.comparisons.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Panel, Presentation,
-                                               Series, TableView, TracedText, count, interval, listed, sentence, traced,
-                                               value, view)
+from stiction.comparisons.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Number, Panel,
+                                               Presentation, Series, TableView, TracedText, count, interval, listed,
+                                               sentence, traced, value, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT, Subject
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -413,8 +413,8 @@ def present(results: Results) -> Presentation:
     creeping = ranked[ranked[HOLDS].eq(False) & (ranked[CREEP] > STILL)]
     answer = traced("Up to 90 % of the limit {} of {} methods hold{}.", count("hold-methods", methods, holds=True),
                     count("hold-methods", methods, variant=frozenset(ranked["variant"])), _speeds(methods, creeping))
-    headline = Headline("creep at 90 % of the limit [m/s]", {
-        row["variant"]: traced("{}", value("hold-methods", methods, int(label), CREEP, unsure=UNSURE))
+    headline = Headline("creep up to 90 % of the limit [m/s]", {
+        row["variant"]: traced("{}", _speed(methods, label)) if row[CREEP] <= LET_GO else TracedText("lets go")
         for label, row in ranked.iterrows()})
     loads = sorted(table.loc[table[TEST] == HELD, LOAD].unique())
     figures = [_over_load(table, methods, loads), *([_over_cost(settings)] if len(settings) else [])]
@@ -423,14 +423,19 @@ def present(results: Results) -> Presentation:
                         tuple(_tables(table, methods, settings, laws, loads)), tuple(figures), NOTES)
 
 
+def _speed(methods: pd.DataFrame, label: Any) -> Number:
+    """The creep of a method, 0 where it is below rounding."""
+    form = "g" if methods.at[label, CREEP] == 0 else ""
+    return value("hold-methods", methods, int(label), CREEP, form, UNSURE)
+
+
 def _speeds(methods: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
     """The slowest and the fastest of those that creep, and the number of those that let go."""
     creeping, gone = failing[failing[CREEP] <= LET_GO], failing[failing[CREEP] > LET_GO]
     let_go = traced("; {} let go", count("hold-methods", methods, variant=frozenset(gone["variant"])))
     if creeping.empty:
         return let_go if len(gone) else TracedText("")
-    ends = [traced("{} at {} m/s", called(creeping.at[label, "variant"]),
-                   value("hold-methods", methods, int(label), CREEP, unsure=UNSURE))
+    ends = [traced("{} at {} m/s", called(creeping.at[label, "variant"]), _speed(methods, label))
             for label in dict.fromkeys((creeping.index[0], creeping.index[-1]))]
     creep = traced("; {} creep, {}", count("hold-methods", methods, variant=frozenset(creeping["variant"])),
                    listed(ends, last=" to "))
@@ -524,7 +529,8 @@ def _by_load(table: pd.DataFrame, methods: pd.DataFrame,
         for load in loads:
             if len(there := held[held[LOAD] == load]):
                 worst = there.loc[there[CREEP].abs().idxmax()]
-                row |= {f"creep at {load:g}": abs(worst[CREEP]), f"uncertainty at {load:g}": worst[UNSURE]}
+                row |= {f"creep at {load:g}": abs(worst[CREEP]),
+                        f"uncertainty at {load:g}": worst[UNSURE] if worst[CREEP] else None}  # below rounding it is 0
         found.append((row, held))
     return found
 

@@ -73,18 +73,19 @@ NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its s
          "The load is there from the start: a method that slips while it lands meets kinetic friction, which need not "
          "hold the load that static friction would.",
          "At joint fidelity the bound of friction is the adapter's, but for Exudyn's bristles: what creeps or lets go "
-         "early there may be ours. A setting's time is that of single runs beside others.")
+         "early there may be ours.",
+         "Settings are tried with mus = mu. A setting's time is that of single runs beside others.")
 
 
 @dataclass(frozen=True)
 class Law:
-    """A power law of the creep of a subject: over one of its settings, or over the load up to `most` of the limit."""
+    """A power law of the creep of a subject: over the load, or over one of its settings, from the value `least` on."""
 
     subject: str
     over: str
     exponent: float
     source: str
-    most: float = 1.0
+    least: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -121,10 +122,11 @@ def load_data() -> Data:
 
 @dataclass(frozen=True)
 class Trial:
-    """A run: a scene with its changed parameters, and what is measured."""
+    """A run: a scene with its changed parameters, whether mus > mu among them, and what is measured."""
 
     scene: Scene
     changed: Mapping[str, float]
+    static: bool
     variant: Variant
     step: float
     test: str
@@ -142,7 +144,7 @@ class Trial:
     @property
     def truth(self) -> str:
         """Key of the truth of what moves."""
-        return f"hold/{truth_key(self.scene.name, has_static_coefficient(self.variant))}/{self.test}/truth"
+        return f"hold/{truth_key(self.scene.name, self.static)}/{self.test}/truth"
 
 
 def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> dict[str, float]:
@@ -213,7 +215,10 @@ def compared(scope: Scope) -> tuple[Variant, ...]:
 
 
 def tried(scope: Scope) -> Iterator[Variant]:
-    """The subjects with each of their settings, at the step nearest to `COMMON_STEP`."""
+    """The subjects with each of their settings, at the step nearest to `COMMON_STEP`.
+
+    They have one coefficient, so that their own friction is seen, and no adapter that switches between two.
+    """
     step = min(load_data().depths[scope.depth].steps, key=lambda step: rank("dt", step))
     for subject in load_data().subjects:
         if scope.engines is None or subject.engine in scope.engines:
@@ -221,21 +226,27 @@ def tried(scope: Scope) -> Iterator[Variant]:
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
-    """Every method on every scene and load of the depth, or on the one scene that is given; in full settings, too."""
+    """Every method on every scene and load of the depth, or on the one scene that is given; in full settings, too.
+
+    Settings are tried with mus = mu and loads of at most `USUAL`.
+    """
     data = load_data()
     depth = data.depths[scope.depth]
     one = scope.scenes if len(scope.scenes) == 1 else ()
     scenes = one or tuple(map(load_scene, depth.scenes))
     held = [(HELD, load) for load in depth.loads]
     moved = [(RAMP, data.ramp["part"]), (STOP, data.stop["part"])] if depth.moved else []
-    ways = [(scene, variant, held + moved) for scene in scenes for variant in compared(scope)]
-    ways += [(scene, variant, held) for scene in (one or map(load_scene, depth.settings)) if depth.settings
+    usual = [(test, load) for test, load in held if load <= USUAL]
+    ways = [(scene, variant, has_static_coefficient(variant), held + moved)
+            for scene in scenes for variant in compared(scope)]
+    ways += [(scene, variant, False, usual) for scene in (one or map(load_scene, depth.settings)) if depth.settings
              for variant in tried(scope)]
     trials = []
-    for scene, variant, chosen in ways:
+    for scene, variant, static, chosen in ways:
         for test, load in chosen:
-            changed = changes(scene, test, load, has_static_coefficient(variant))
-            trials += [Trial(vary(scene, changed), changed, variant, step, test, load) for step in variant.ladder]
+            changed = changes(scene, test, load, static)
+            trials += [Trial(vary(scene, changed), changed, static, variant, step, test, load)
+                       for step in variant.ladder]
     truths = {trial.truth: Task(trial.truth, true_slip, (trial.scene, trial.test))
               for trial in trials if trial.test != HELD}
     tasks = [Task(trial.key, measured, (trial.variant.engine, trial.scene, trial.test, {
@@ -257,7 +268,7 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
     ends = outcome.value and outcome.value[1]
     record = Record(trial.key, trial.scene.name, trial.variant, trial.step, replace(outcome, value=ends))
     subject, _, setting = trial.variant.label.partition(": ")
-    row = {**record.describe(), "truth": truth_key(trial.scene.name, has_static_coefficient(trial.variant)),
+    row = {**record.describe(), "truth": truth_key(trial.scene.name, trial.static),
            SUBJECT: subject if setting else None, SETTING: setting or None, TEST: trial.test, LOAD: trial.load,
            CHANGED: json.dumps({"set": trial.changed, "setting": trial.variant.settings}, default=str)}
     if outcome.value is None:
@@ -344,12 +355,13 @@ def laws_table(table: pd.DataFrame) -> pd.DataFrame:
     for law in load_data().laws:
         runs = tried[tried[SUBJECT] == law.subject]
         if law.over == "load":
-            runs = runs[(runs[SETTING] == DEFAULT) & (runs[LOAD] <= law.most)]
+            runs = runs[runs[SETTING] == DEFAULT]
             runs = runs.assign(over=runs[LOAD], apart=runs["scene"])
         else:
             runs = runs[(runs[SETTING] == DEFAULT) | runs[SETTING].str.startswith(f"{law.over}=", na=False)]
             stated = [json.loads(settings).get(law.over) for settings in runs["settings"]]
             runs = runs.assign(over=stated, apart=runs["scene"] + runs[LOAD].astype(str))
+            runs = runs[runs["over"] >= law.least]
         if runs.empty:
             continue
         series = [(part["over"].to_numpy(float), part[CREEP].abs().to_numpy(float))

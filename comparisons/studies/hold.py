@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.campaigns.participants import variants
+from stiction.comparisons.campaigns.participants import REFERENCE, variants
 from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.measures.scene_truth import ground_truth
@@ -64,6 +64,8 @@ BAND = 0.2
 """An exponent obeys a law if its interval is no farther from the law's than this; others in question are 0, 1/2, 2."""
 FLOOR = 1e-15
 """m/s: slower creep stands at the edge of a figure."""
+REST = "none: it rests"
+"""What the creep of the reference grows with, by its law."""
 OBEYED, BROKEN, OPEN = "obeyed", "broken", "inconclusive"
 NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its steady slip speed there. A creep below "
          "the rounding of the coordinate over the run is 0.",
@@ -343,15 +345,20 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def laws_table(table: pd.DataFrame) -> pd.DataFrame:
-    """A row per law: the fitted exponent, its interval, and the verdict.
+    """A row per law: the fitted exponent, its interval, and the verdict. The first: the reference rests exactly.
 
     Of a law over the load the default runs count, of one over a setting those that change it, and the default, at each
     scene and load apart. Creep within its uncertainty is left out: rounding has no law. The verdict is `OPEN` where the
     interval is partly within `BAND`, or there are too few runs.
     """
-    rows = []
+    rows: list[dict[str, Any]] = []
     tried = with_columns(table, CREEP, UNSURE, SETTING)
-    tried = tried[succeeded(tried) & tried[TEST].eq(HELD) & (tried[CREEP].abs() > tried[UNSURE])]
+    tried = tried[succeeded(tried) & tried[TEST].eq(HELD)]
+    own = tried[tried["variant"] == REFERENCE]
+    if len(own):
+        rows.append({SUBJECT: REFERENCE, "over": REST, "source": "derived in each scene", "runs": len(own),
+                     "verdict": OBEYED if own[CREEP].eq(0).all() else BROKEN})
+    tried = tried[tried[CREEP].abs() > tried[UNSURE]]
     for law in load_data().laws:
         runs = tried[tried[SUBJECT] == law.subject]
         if law.over == "load":
@@ -456,9 +463,9 @@ def _speeds(methods: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
 
 def _named(ranked: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
     """The methods that hold, and those that let go, by name."""
-    holding = listed([called(label) for label in ranked.loc[ranked[HOLDS].eq(True), "variant"]])
+    holding = listed([called(label) for label in ranked.loc[ranked[HOLDS].eq(True), "variant"]], "; ")
     gone = listed([traced("{} (on {})", called(row["variant"]), row["scene"])
-                   for _, row in failing[failing[CREEP] > LET_GO].iterrows()])
+                   for _, row in failing[failing[CREEP] > LET_GO].iterrows()], "; ")
     return traced("{}{}", sentence("At rest: {}.", holding), sentence(" Let go: {}.", gone))
 
 
@@ -474,12 +481,15 @@ def _best(settings: pd.DataFrame) -> TracedText:
 
 
 def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
-    """The verdicts, each kind in a sentence."""
+    """The verdict on the reference, and those on laws, each kind in a sentence."""
+    for label, row in laws[laws["over"] == REST].iterrows() if len(laws) else ():
+        yield traced(f"The reference {'rests' if row['verdict'] == OBEYED else 'creeps'} ({{}} runs).",
+                     value("hold-laws", laws, int(label), "runs", ".0f"))
     for word in (BROKEN, OBEYED, OPEN) if len(laws) else ():
         found = [traced("{} over {}{}", row[SUBJECT], row["over"],
                         TracedText("") if pd.isna(row["exponent [-]"]) else
                         traced(" ({})", interval("hold-laws", laws, int(label), "exponent [-]", EXPONENT_UNSURE)))
-                 for label, row in laws[laws["verdict"] == word].iterrows()]
+                 for label, row in laws[(laws["verdict"] == word) & (laws["over"] != REST)].iterrows()]
         if found:
             yield traced(f"Laws of creep that are {word}: {{}}.", listed(found))
 

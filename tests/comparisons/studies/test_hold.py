@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import here, installed
-from made_up_runs import wrong_numbers
+from made_up_runs import sentences, wrong_numbers
 from scipy.optimize import brentq
 from typer.testing import CliRunner
 
@@ -155,7 +155,7 @@ def test_creep_that_is_put_into_the_reference_is_noticed(zone, monkeypatch, comp
     with here():
         tables = plan(Scope((), Depth.QUICK, ())).make().tables
     own = tables["hold-methods"].set_index("variant")
-    assert not own[HOLDS].any()
+    assert not own[HOLDS].any() and list(tables["hold-laws"]["verdict"]) == [BROKEN]
     assert own.loc["reference", CREEP] == pytest.approx(0.9 * zone, rel=1e-3)
 
 
@@ -172,6 +172,7 @@ def test_a_quick_study_has_a_row_a_run_and_holds_with_the_reference(quick):
     assert methods.loc[methods["engine"] == "reference", HOLDS].all()
     assert list(methods["variant"]) == list(table["variant"].unique())
     said = present(union([quick]))
+    assert list(quick.tables["hold-laws"]["verdict"]) == [OBEYED] and "The reference rests (1 runs)." in sentences(said)
     assert not wrong_numbers(said, Results((), {}, quick.tables))
     assert set(said.headlines[0].cells) == set(methods["variant"]) and len(said.answer.text) <= 160
 

@@ -62,8 +62,12 @@ USUAL = 0.9
 """Largest load, as a part of the limit, by which a method is judged: beyond it, small errors of the bound decide."""
 BAND = 0.2
 """An exponent obeys a law if its interval is no farther from the law's than this; others in question are 0, 1/2, 2."""
-FLOOR = 1e-15
-"""m/s: slower creep stands at the edge of a figure."""
+ENDS = 1e-13, 1e-2
+"""m/s: slower creep stands at the lower edge of a figure, and what lets go at the upper one."""
+SLOWEST = 4.0
+"""Time over the default's: slower settings stand at the edge of the figure."""
+SPEEDS = Axis("creep [m/s]", log=True, limits=(ENDS[0] / 3, 3 * ENDS[1]))
+EDGES = f"What does not creep stands at {ENDS[0]:g} m/s, what lets go at {ENDS[1]:g} m/s."
 REST = "none: it rests"
 """What the creep of the reference grows with, by its law."""
 OBEYED, BROKEN, OPEN = "obeyed", "broken", "inconclusive"
@@ -75,7 +79,8 @@ NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its s
          "The load is there from the start: a method that slips while it lands meets kinetic friction, which need not "
          "hold the load that static friction would.",
          "At joint fidelity the bound of friction is the adapter's, but for Exudyn's bristles: what creeps or lets go "
-         "early there may be ours.",
+         "early there may be ours. At contact fidelity engine + adapter says that the adapter switches the contacts "
+         "between mu and mus.",
          "Settings are tried with mus = mu. A setting's time is that of single runs beside others.")
 
 
@@ -433,8 +438,8 @@ def present(results: Results) -> Presentation:
     answer = traced("Up to 90 % of the limit {} of {} methods hold{}.", count("hold-methods", methods, holds=True),
                     count("hold-methods", methods, variant=frozenset(ranked["variant"])), _speeds(methods, creeping))
     headline = Headline("creep up to 90 % of the limit [m/s]", {
-        row["variant"]: traced("{}", _speed(methods, label)) if row[CREEP] <= LET_GO else TracedText("lets go")
-        for label, row in ranked.iterrows()})
+        row["variant"]: TracedText("lets go") if row[CREEP] > LET_GO else
+        traced("{}", _speed("hold-methods", methods, label)) for label, row in ranked.iterrows()})
     loads = sorted(table.loc[table[TEST] == HELD, LOAD].unique())
     figures = [_over_load(table, methods, loads), *([_over_cost(settings)] if len(settings) else [])]
     findings = (_named(ranked, creeping), _best(settings), *_laws(laws), _failed(methods))
@@ -442,10 +447,9 @@ def present(results: Results) -> Presentation:
                         tuple(_tables(table, methods, settings, laws, loads)), tuple(figures), NOTES)
 
 
-def _speed(methods: pd.DataFrame, label: Any) -> Number:
-    """The creep of a method, 0 where it is below rounding."""
-    form = "g" if methods.at[label, CREEP] == 0 else ""
-    return value("hold-methods", methods, int(label), CREEP, form, UNSURE)
+def _speed(name: str, table: pd.DataFrame, label: Any) -> Number:
+    """The creep in a row, 0 where it is below rounding."""
+    return value(name, table, int(label), CREEP, "" if table.at[label, CREEP] else "g", UNSURE)
 
 
 def _speeds(methods: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
@@ -454,7 +458,7 @@ def _speeds(methods: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
     let_go = traced("; {} let go", count("hold-methods", methods, variant=frozenset(gone["variant"])))
     if creeping.empty:
         return let_go if len(gone) else TracedText("")
-    ends = [traced("{} at {} m/s", called(creeping.at[label, "variant"]), _speed(methods, label))
+    ends = [traced("{} at {} m/s", called(creeping.at[label, "variant"]), _speed("hold-methods", methods, label))
             for label in dict.fromkeys((creeping.index[0], creeping.index[-1]))]
     creep = traced("; {} creep, {}", count("hold-methods", methods, variant=frozenset(creeping["variant"])),
                    listed(ends, last=" to "))
@@ -470,14 +474,15 @@ def _named(ranked: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
 
 
 def _best(settings: pd.DataFrame) -> TracedText:
-    """The setting that slows a creep most, and its cost."""
-    changed = settings[settings[SETTING].ne(DEFAULT) & settings["failed"].eq(0)] if len(settings) else settings
-    if changed.empty or not (changed[SLOWER] < 1).any():
-        return TracedText("")
-    best = int(changed[SLOWER].idxmin())
-    return traced("{} slows the creep of {} most, to {} of the default's, in {} times its time.",
-                  settings.at[best, SETTING], settings.at[best, SUBJECT],
-                  *(value("hold-settings", settings, best, column, ".2g") for column in (SLOWER, TIME)))
+    """The setting with the least creep of each subject whose default creeps, and its cost."""
+    parts = []
+    for subject, rows in settings[settings["failed"].eq(0)].groupby(SUBJECT, sort=False) if len(settings) else ():
+        best = int(rows[CREEP].idxmin())
+        if (rows.loc[rows[SETTING] == DEFAULT, CREEP] > STILL).any() and rows.at[best, SETTING] != DEFAULT:
+            time = value("hold-settings", settings, best, TIME, ".2g")
+            parts.append(traced("{} with {} ({} m/s, {})", str(subject), rows.at[best, SETTING],
+                                _speed("hold-settings", settings, best), time))
+    return sentence("Least creep, and time over the default's: {}.", listed(parts, "; ", "; "))
 
 
 def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
@@ -486,12 +491,21 @@ def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
         yield traced(f"The reference {'rests' if row['verdict'] == OBEYED else 'creeps'} ({{}} runs).",
                      value("hold-laws", laws, int(label), "runs", ".0f"))
     for word in (BROKEN, OBEYED, OPEN) if len(laws) else ():
-        found = [traced("{} over {}{}", row[SUBJECT], row["over"],
-                        TracedText("") if pd.isna(row["exponent [-]"]) else
-                        traced(" ({})", interval("hold-laws", laws, int(label), "exponent [-]", EXPONENT_UNSURE)))
+        found = [traced("{} over {}{}", row[SUBJECT], row["over"], _exponent(laws, int(label)))
                  for label, row in laws[(laws["verdict"] == word) & (laws["over"] != REST)].iterrows()]
         if found:
             yield traced(f"Laws of creep that are {word}: {{}}.", listed(found))
+
+
+def _exponent(laws: pd.DataFrame, label: int) -> TracedText:
+    if pd.isna(laws.at[label, "exponent [-]"]):
+        return TracedText()
+    return traced(" ({})", interval("hold-laws", _rounded(laws), label, "exponent [-]", EXPONENT_UNSURE))
+
+
+def _rounded(laws: pd.DataFrame) -> pd.DataFrame:
+    """Laws with exponents to three digits at most."""
+    return laws.assign(**{EXPONENT_UNSURE: laws[EXPONENT_UNSURE].astype(float).clip(lower=5e-3)})
 
 
 def _failed(methods: pd.DataFrame) -> TracedText:
@@ -526,8 +540,8 @@ def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, 
                     Column(SLOWER, "of the default's", form=".2g"), Column(TIME, "time, of the default's", form=".2g"),
                     Column("failed")))
     if len(laws):
-        yield view("hold-laws", "Laws of creep: the power with which it grows, fitted, and that of the law.", laws,
-                   (Column(SUBJECT, "engine"), Column("over"), Column("law [-]", "law", form="g"),
+        yield view("hold-laws", "Laws of creep: the power with which it grows, fitted, and that of the law.",
+                   _rounded(laws), (Column(SUBJECT, "engine"), Column("over"), Column("law [-]", "law", form="g"),
                     Column("exponent [-]", "fitted", "", EXPONENT_UNSURE, interval=True), Column("runs"),
                     Column("verdict"), Column("source", brief=False)))
     yield view("hold-all", "Every run.", table, [Column(name) for name in table if name not in ("settings", "version")],
@@ -581,13 +595,12 @@ def _over_load(table: pd.DataFrame, methods: pd.DataFrame, loads: Sequence[float
             known = [load for load in loads if f"creep at {load:g}" in row]
             if row["fidelity"] == fidelity and known:
                 creep = np.array([row[f"creep at {load:g}"] for load in known], dtype=float)
-                series.append(Series(row["variant"], 100 * np.array(known), np.maximum(creep, FLOOR),
+                series.append(Series(row["variant"], 100 * np.array(known), np.clip(creep, *ENDS),
                                      look=row["variant"], points=True))
         if series:
-            panels.append(Panel(f"{fidelity} fidelity", Axis("load [% of the limit]"), Axis("creep [m/s]", log=True),
-                                series))
+            panels.append(Panel(f"{fidelity} fidelity", Axis("load [% of the limit]"), SPEEDS, series))
     return Chart("hold", "Creep over load, the fastest on any scene, at the step nearest to 1 ms or the tightest "
-                 f"tolerance. What does not creep stands at {FLOOR:g} m/s.", panels, columns=2, height=2.8,
+                 f"tolerance. {EDGES}", panels, columns=2, height=2.8,
                  share_y=True)
 
 
@@ -596,14 +609,15 @@ def _over_cost(settings: pd.DataFrame) -> Chart:
     panels = []
     for subject, rows in settings[settings[CREEP].notna()].groupby(SUBJECT, sort=False):
         is_default = rows[SETTING] == DEFAULT
-        series = [Series(label, rows.loc[chosen, TIME].to_numpy(float),
-                         rows.loc[chosen, CREEP].clip(FLOOR).to_numpy(float), look=look, line=False, points=True)
+        times, creep = rows[TIME].clip(upper=SLOWEST), rows[CREEP].clip(*ENDS)
+        series = [Series(label, times[chosen].to_numpy(float), creep[chosen].to_numpy(float), look=look, line=False,
+                         points=True)
                   for label, look, chosen in (("another choice", OTHER, ~is_default), (DEFAULT, CHOSEN, is_default))
                   if chosen.any()]
-        panels.append(Panel(str(subject), Axis("time, of the default's", log=True), Axis("creep [m/s]", log=True),
-                            series))
+        panels.append(Panel(str(subject), Axis("time, of the default's", limits=(0.0, 1.05 * SLOWEST)), SPEEDS, series))
     return Chart("hold-settings", "Creep against engine time with each setting, one changed at a time: the fastest "
-                 f"creep of all scenes and loads. What does not creep stands at {FLOOR:g} m/s.", panels, height=1.9)
+                 f"creep of all scenes and loads. {EDGES} So does a time of {SLOWEST:g} and more.", panels, columns=2,
+                 height=1.5, share_x=True, share_y=True)
 
 
 STUDY = Study("hold", "Hold", "Does it hold, below the limit of static friction?", 4.5, present, plan, seconds=0.1,

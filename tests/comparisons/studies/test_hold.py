@@ -258,7 +258,7 @@ def test_the_setting_that_helps_most_and_its_cost():
     assert list(settings[SLOWER]) == pytest.approx([1.0, 0.1, 0.5])
     tables = {"hold": runs, "hold-methods": methods_table(pd.DataFrame([made_up("a", "", 0.9, 0.0)])), "hold-settings": settings}
     said = present(Results((), {}, tables))
-    assert said.findings[1].text == "a=1 slows the creep of e, contact most, to 0.1 of the default's, in 3 times its time."
+    assert said.findings[1].text == "Least creep, and time over the default's: e, contact with a=1 (9e-06 m/s, 3)."
     assert not wrong_numbers(said, Results((), {}, tables)) and [figure.name for figure in said.figures] == ["hold", "hold-settings"]
 
 

@@ -423,8 +423,8 @@ def settings_table(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _over(creep: float, default: float) -> float:
-    """Ratio of two speeds; 1 where both are 0."""
-    return creep / default if default > 0 else 1.0 if creep == 0 else math.inf
+    """Ratio of two speeds; 1 where both are 0, none to a default that does not creep."""
+    return creep / default if default > 0 else 1.0 if creep == 0 else math.nan
 
 
 def present(results: Results) -> Presentation:
@@ -523,6 +523,15 @@ def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, 
                "nearest to 1 ms or the tightest tolerance.", _by_load(table, methods, loads),
                (Column("variant", "method"), Column("fidelity"), Column(FRICTION_BY, "friction law supplied by"),
                 *at_loads, Column("scene", "fastest on", brief=False), Column(HOLDS)))
+    usual = with_columns(table, CREEP, UNSURE)
+    usual = usual[usual[SUBJECT].isna() & usual[TEST].eq(HELD) & usual[LOAD].eq(USUAL) & usual[CREEP].notna()]
+    fastest = usual[CREEP].abs().groupby([usual["variant"], usual["step"]], sort=False).idxmax()
+    yield view("hold-steps", f"Creep at {100 * USUAL:g} % of the limit along each refinement series, fastest on any "
+               "scene.", usual.loc[fastest], (
+                   Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
+                   Column(CREEP, "creep", "m/s", UNSURE), Column(OF_STEP, "of g dt", form=".2g"),
+                   Column(OF_ZONE, "of the regularization", form=".2g"), Column("scene", "on")),
+               source="hold", in_report=False)
     moved = _beyond(table, methods)
     if moved:
         yield view("hold-limit", "What a method does besides: displacement in the first 0.1 s; load at break-away "

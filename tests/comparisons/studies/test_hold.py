@@ -1,6 +1,7 @@
 """Held loads: limits by statics of their own, the reference at rest and beyond, creep that is put in, laws, and sentences."""
 
 import json
+import shlex
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,7 @@ from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines import load_engine
+from stiction.reports.run_folder.reproduce import again_held
 from stiction.scenes import InputError, catalogue, load_scene, vary
 
 SCENES = [name for name in catalogue() if name.startswith("hold-")]
@@ -269,6 +271,14 @@ def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(subject):
     default = engine.simulate(scene, t_end=0.01, dt=5e-3, fidelity=subject.fidelity, **subject.fixed).settings
     for name, values in subject.choices.items():
         assert name in default and default[name] not in values
+
+
+def test_a_row_has_the_command_that_runs_it_again(quick, in_this_process):
+    rows = quick.tables["hold"].to_dict("records")
+    for row in (rows[0], rows[-1]):
+        ended = CliRunner().invoke(app, shlex.split(again_held(row))[1:])
+        assert ended.exit_code == 0, ended.output
+    assert "--set part=0.9" in again_held(rows[0]) and again_held({**rows[0], "status": "crashed"}) is None
 
 
 def test_a_scene_without_the_parameters_is_refused():

@@ -25,10 +25,10 @@ class Results:
         By name of the scene; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
     tables : Mapping[str, DataFrame]
         ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``,
-        ``claims`` and, in full, their ``sensitivity``, ``hard``; of the first scene ``orders``, ``effects``,
-        ``suppression``; of all cases ``cost``, and ``times``: the samples behind all times; ``equal-error`` of all
-        cases and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`; in full ``settings``: what the
-        settings of the engines do, `stiction.comparisons.studies.engine_settings`.
+        ``claims`` and, in full, their ``sensitivity``, ``hard``; ``hold`` and its ``hold-..``; of the first scene
+        ``orders``, ``effects``, ``suppression``; of all cases ``cost``, and ``times``: the samples behind all times;
+        ``equal-error`` of all cases and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`; in full
+        ``settings``: what the settings of the engines do, `stiction.comparisons.studies.engine_settings`.
     settings : Mapping
         Of the campaign: depth, engines, time limit, workers, which trajectories are stored, whether an interrupt left
         runs unmade, and the machine's load before, while timing and after.

@@ -98,6 +98,8 @@ class Study:
         Whether `stiction compare NAME` has it: not where it is about the paper's own cases.
     takes_scene : bool
         Whether that command takes a scene.
+    needs_scene : bool
+        Whether it must be given one: not where the study has scenes of its own.
     takes : frozenset of str
         Fields and options of a `Scope` that `plan` makes use of; any other option of the command is refused, and so
         are several scenes without ``scenes``.
@@ -114,6 +116,7 @@ class Study:
     on_page_one: bool = True
     compared: bool = True
     takes_scene: bool = True
+    needs_scene: bool = True
     takes: frozenset[str] = frozenset({"engines", "t_end"})
 
     def presented(self, results: Results) -> Presentation:

@@ -24,7 +24,7 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.truth.truth import SAMPLES
 from stiction.comparisons.variants import Record
-from stiction.reports.run_folder.reproduce import again, again_study
+from stiction.reports.run_folder.reproduce import again, again_held, again_study
 from stiction.scenes import Trajectory, catalogue, load_scene
 from stiction.scenes.trajectory import events_frame
 
@@ -32,8 +32,8 @@ TRUTH = "truth/"
 """Begins the key of a truth, before its name, in ``events.parquet``."""
 SAMPLE_STEP = 1e-2
 """s; between the stored samples of a trajectory, at least."""
-SUMS_UP = ("threshold",)
-"""Tables whose rows sum up runs that are not among the validation's, though they have the keys of some."""
+SUMS_UP = ("threshold", "hold")
+"""Tables whose rows sum up runs that are not kept: a threshold has several, a held load is reduced to numbers."""
 
 
 def tables_of(results: Results) -> dict[str, pd.DataFrame]:
@@ -87,6 +87,8 @@ def data_tables(results: Results, stored: Container[str]) -> dict[str, pd.DataFr
     for name, table in tables.items():
         if "key" in table and name not in SUMS_UP:
             tables[name] = table.assign(**{TRAJECTORY: table["key"].map(files), AGAIN: table["key"].map(commands)})
+    if "changed" in (held := tables.get("hold", pd.DataFrame())):
+        tables["hold"] = held.assign(**{AGAIN: [again_held(row) for row in held.to_dict("records")]})
     if "run" in (study := tables.get("study", pd.DataFrame())):
         tables["study"] = study.assign(**{AGAIN: [again_study(row) for row in study.to_dict("records")]})
     return tables

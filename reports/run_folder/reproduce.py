@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Mapping
 from functools import cache
@@ -103,6 +104,17 @@ def again(record: Record) -> str | None:
 def _declared(name: str) -> Scene:
     """Read a scene of the catalogue once: each has dozens of runs, and reading it takes 5 ms."""
     return load_scene(name)
+
+
+def again_held(row: Mapping[str, Any]) -> str | None:
+    """Return the command for a held load, of a row of its table; None for a failed one."""
+    if row.get("status", "ok") != "ok" or row["scene"] not in catalogue():
+        return None
+    words = ["stiction", "run", row["scene"], "--engine", row["engine"], f"--{row['parameter']}", f"{row['step']:g}",
+             "--fidelity", row["fidelity"]]
+    for option, values in json.loads(row["changed"]).items():
+        words += [word for name, value in values.items() for word in (f"--{option}", f"{name}={as_given(value)}")]
+    return shlex.join(words)
 
 
 def again_study(row: Mapping[str, Any]) -> str | None:

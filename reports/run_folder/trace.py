@@ -24,8 +24,8 @@ from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.scenes import InputError
 
 LETTERS = {"accuracy": "A", "claims": "P", "cost": "C", "drift": "D", "effects": "E", "equal-error": "Q", "hard": "H",
-           "octaves": "B", "orders": "N", "parameters": "M", "runs": "R", "sensitivity": "O", "settings": "G",
-           "study": "L", "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
+           "hold": "F", "octaves": "B", "orders": "N", "parameters": "M", "runs": "R", "sensitivity": "O",
+           "settings": "G", "study": "L", "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
 _KEY = re.compile(r"(?:([A-Z])|([\w-]+):)(\d+(?:-\d+(?:/[1-9]\d*)?)?(?:,\d+(?:-\d+)?)*)")
 
 

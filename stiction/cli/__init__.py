@@ -8,7 +8,7 @@
 ``pictures``    new, draw, schema
 ``run``         run, sweep, replay
 ``prove``       prove
-``compare``     compare drift, threshold, torque, cost, effects, suppression, hard
+``compare``     compare drift, threshold, torque, cost, effects, suppression, hard, hold
 ``campaign``    validate, nightly, check, baseline update
 ``report``      paper, page, trace
 """

@@ -92,7 +92,7 @@ def _subject(study: Study, scenes: Sequence[str], overrides: Sequence[str], asse
     from stiction.reference_impl.multibody.initial_state import with_consistent_start
     from stiction.scenes.wording import names
 
-    if study.takes_scene and not scenes:
+    if study.takes_scene and study.needs_scene and not scenes:
         raise typer.BadParameter("found nothing; expected a scene of the catalogue (see `stiction scenes`) or a TOML "
                                  "file", param_hint="SCENE")
     if not study.takes_scene:

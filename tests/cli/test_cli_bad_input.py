@@ -47,7 +47,7 @@ BROKEN_SCENES = {  # what is replaced, by what, what the message must name
 
 BAD_COMMANDS = [  # arguments, what the message must name
     ("run", ["SCENE"]),
-    ("run nosuch", ["nosuch", "no such file", "slider-bar-case-1"]),
+    ("run nosuch", ["nosuch", "no such file", "block-on-incline"]),
     ("run .", ["a folder"]),
     ("run pendulm", ["did you mean 'pendulum'"]),
     ("run pendulum --engine pymnk", ["pymnk", "did you mean 'pymunk'"]),

@@ -1,0 +1,100 @@
+"""Slip of a held slider: steady creep, landing, break-away under a slow ramp, and what follows it.
+
+A run is reduced to a few numbers, a truth in the same way, so that what the definitions themselves take is in both.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.stats import theilslopes
+
+from stiction.comparisons.uncertain import Uncertain
+
+LANDING = 0.1
+"""Seconds after the start in which a slider settles on its contacts; its displacement until then is no creep."""
+LET_GO = 1e-3
+"""m/s: a slider has let go once it is faster. That is what it gains in the first step of 1 ms, g (mus - mu) dt with
+coefficients of 0.3 and 0.2; a load that creeps as fast is not held."""
+AFTER = 0.05
+"""Seconds after letting go over which the acceleration is taken."""
+INSTANTS = 300
+"""At most, for a slope: it is the median over all pairs."""
+LEVEL = 0.95
+"""Level of the interval of a slope."""
+
+
+@dataclass(frozen=True)
+class Slip:
+    """Numbers of the slip of one run.
+
+    Attributes
+    ----------
+    creep : Uncertain
+        Mean slip velocity after the landing, m/s; 0 where the displacement does not exceed its rounding.
+    landing : float
+        Displacement during the landing, m.
+    let_go : float or None
+        Time at which the slider is faster than `LET_GO` for the first time after the landing, s; None if never.
+    acceleration : float or None
+        Mean over `AFTER` from then on, m/s^2.
+    """
+
+    creep: Uncertain
+    landing: float
+    let_go: float | None
+    acceleration: float | None
+
+
+def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, rounding: float = 0.0, *,
+            landed: float = LANDING, period: float | None = None) -> Slip:
+    """Reduce a motion along a guide to the numbers of its slip.
+
+    The creep is the slope of Theil and Sen, the median of the slopes between all pairs of instants after the landing,
+    which a few outliers do not change; its uncertainty half of the longer side of the interval of `LEVEL` (Sen 1968, J.
+    Am. Stat. Assoc. 63, 1379-1389), and the rounding. Under a load of this period the slope is of means over it.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        s, from the start on.
+    displacement, velocity : ndarray, shape (n,)
+        m and m/s, positive along the load.
+    rounding : float
+        Bound of what rounding adds to a displacement over the run, m.
+    landed : float
+        Seconds that the landing takes.
+    period : float, optional
+        Seconds; the instants after the landing span more than it.
+    """
+    after = t >= landed * (1 - 1e-9)
+    times, place = t[after], displacement[after]
+    first = float(place[0])
+    if period is not None:
+        integral = cumulative_trapezoid(place - first, times, initial=0.0)
+        starts = times[times + period <= times[-1] * (1 + 1e-9)]
+        place = first + (np.interp(starts + period, times, integral) - np.interp(starts, times, integral)) / period
+        times = starts
+    floor = rounding / float(times[-1] - times[0])
+    creep = Uncertain(0.0, floor)
+    if np.ptp(place) > rounding:
+        every = math.ceil(len(times) / INSTANTS)
+        slope, _, low, high = theilslopes(place[::every], times[::every], LEVEL)
+        creep = Uncertain(float(slope), max(float(high - slope), float(slope - low)) + floor)
+    let_go = _let_go(t[after], np.abs(velocity[after]))
+    acceleration = None
+    if let_go is not None and let_go + AFTER <= t[-1]:
+        acceleration = (abs(float(np.interp(let_go + AFTER, t, velocity))) - LET_GO) / AFTER
+    return Slip(creep, first - float(displacement[0]), let_go, acceleration)
+
+
+def _let_go(t: np.ndarray, speed: np.ndarray) -> float | None:
+    """The first instant at which the speed exceeds `LET_GO`, between samples by a straight line."""
+    fast = np.flatnonzero(speed > LET_GO)
+    if not len(fast):
+        return None
+    i = int(fast[0])
+    return float(t[0]) if i == 0 else float(np.interp(LET_GO, speed[i - 1:i + 1], t[i - 1:i + 1]))

@@ -1,0 +1,633 @@
+"""Does it hold: creep under loads below the limit of static friction, and what happens at the limit.
+
+The truth of a held load is rest, derived in the source of each scene. Runs, settings and laws are data:
+``data/hold.toml``. What is beyond the limit, the break-away under a slow ramp and the motion until a stop, is compared
+with `stiction.comparisons.measures.scene_truth.ground_truth`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.participants import REFERENCE, variants
+from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
+from stiction.comparisons.measures.power_law import fitted_exponent
+from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.comparisons.methods import at_equal_step, called, rank, succeeded, with_columns
+from stiction.comparisons.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Number, Panel,
+                                               Presentation, Series, TableView, TracedText, count, interval, listed,
+                                               sentence, traced, value, view)
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT, Subject
+from stiction.comparisons.studies.study import Scope, Study, Tables
+from stiction.comparisons.timing.intervals import ratio_interval
+from stiction.comparisons.truth import NO_TRUTH
+from stiction.comparisons.uncertain import Uncertain
+from stiction.comparisons.variants import (FRICTION_BY, OWN_CPU, UNMADE, Record, Variant, has_static_coefficient,
+                                           truth_key)
+from stiction.engines.isolation import Outcome, Task
+from stiction.engines.protocol import FIDELITIES, EngineFailure
+from stiction.engines.registry import load_engine
+from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
+
+PARAMETERS = ("part", "ramp", "v0", "limit", "mu", "mus")
+"""Parameters of a scene of the study: the load is part + ramp t of the limit, and v0 the slider's speed along it."""
+HELD, RAMP, STOP = "held", "ramp", "stop"
+CREEP, UNSURE, LOAD, TEST = "creep [m/s]", "creep uncertainty [m/s]", "load [-]", "test"
+CHANGED = "changed"
+"""Column: parameters of the scene and settings of the engine that a run changes, as JSON."""
+OF_STEP, OF_ZONE, LANDED = "creep, of g dt [-]", "creep, of the regularization [-]", "landing [m]"
+BREAK_AWAY, BREAK_UNSURE = "break-away error [-]", "break-away uncertainty [-]"
+FASTER, STOPPED, STOP_UNSURE = "acceleration error [-]", "stop error [m]", "stop uncertainty [m]"
+HOLDS, SLOWER, TIME = "holds", "creep, of the default's [-]", "time, of the default's [-]"
+EXPONENT_UNSURE = "exponent uncertainty [-]"
+OUTPUT = {HELD: 4e-3, RAMP: 1e-3, STOP: 4e-3}
+"""Seconds between samples: of a ramp one step of 1 ms, for the instant of letting go."""
+TRUE_STEP = 1e-4
+"""Seconds between samples of a truth."""
+STILL = 1e-9
+"""m/s: a method holds if it creeps no faster, 32 mm in a year, or no faster than the uncertainty of its creep."""
+USUAL = 0.9
+"""Largest load, as a part of the limit, by which a method is judged: beyond it, small errors of the bound decide."""
+BAND = 0.2
+"""An exponent obeys a law if its interval is no farther from the law's than this; others in question are 0, 1/2, 2."""
+ENDS = 1e-13, 1e-2
+"""m/s: slower creep stands at the lower edge of a figure, and what lets go at the upper one."""
+SLOWEST = 4.0
+"""Time over the default's: slower settings stand at the edge of the figure."""
+SPEEDS = Axis("creep [m/s]", log=True, limits=(ENDS[0] / 3, 3 * ENDS[1]))
+EDGES = f"What does not creep stands at {ENDS[0]:g} m/s, what lets go at {ENDS[1]:g} m/s."
+REST = "none: it rests"
+"""What the creep of the reference grows with, by its law."""
+OBEYED, BROKEN, OPEN = "obeyed", "broken", "inconclusive"
+NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its steady slip speed there. A creep below "
+         "the rounding of the coordinate over the run is 0.",
+         f"A method holds if it creeps no faster than {STILL:g} m/s or the uncertainty of its creep, the median slope "
+         "from 0.1 s on with its interval.",
+         f"A slider has let go at {LET_GO:g} m/s; the load at which the truth is as fast is subtracted.",
+         "The load is there from the start: a method that slips while it lands meets kinetic friction, which need not "
+         "hold the load that static friction would.",
+         "At joint fidelity the bound of friction is the adapter's, but for Exudyn's bristles: what creeps or lets go "
+         "early there may be ours. At contact fidelity engine + adapter says that the adapter switches the contacts "
+         "between mu and mus.",
+         "Settings are tried with mus = mu. A setting's time is that of single runs beside others.")
+
+
+@dataclass(frozen=True)
+class Law:
+    """A power law of the creep of a subject: over the load, or over one of its settings, from the value `least` on."""
+
+    subject: str
+    over: str
+    exponent: float
+    source: str
+    least: float = 0.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The runs of a depth: scenes, loads, steps, whether ramp and stop are run, and scenes on which settings are."""
+
+    scenes: Sequence[str]
+    loads: Sequence[float]
+    steps: Sequence[float]
+    moved: bool
+    settings: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Data:
+    """``data/hold.toml``."""
+
+    ramp: Mapping[str, float]
+    stop: Mapping[str, float]
+    depths: Mapping[str, Plan]
+    regularization: Mapping[str, str]
+    subjects: Sequence[Subject]
+    laws: Sequence[Law]
+
+
+@cache
+def load_data() -> Data:
+    """The runs, settings and laws of the study."""
+    data = tomllib.loads((resources.files("stiction.comparisons") / "data" / "hold.toml").read_text(encoding="utf-8"))
+    return Data(data["ramp"], data["stop"], {name: Plan(**plan) for name, plan in data["depths"].items()},
+                data["regularization"], [Subject(**subject) for subject in data["subjects"]],
+                [Law(**law) for law in data["laws"]])
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A run: a scene with its changed parameters, whether mus > mu among them, and what is measured."""
+
+    scene: Scene
+    changed: Mapping[str, float]
+    static: bool
+    variant: Variant
+    step: float
+    test: str
+    load: float
+
+    @property
+    def key(self) -> str:
+        return f"hold/{self.scene.name}/{self.variant.label}/{self.variant.parameter}={self.step:g}/{self.about}"
+
+    @property
+    def about(self) -> str:
+        """``held 0.9``, or the test."""
+        return f"{HELD} {self.load:g}" if self.test == HELD else self.test
+
+    @property
+    def truth(self) -> str:
+        """Key of the truth of what moves."""
+        return f"hold/{truth_key(self.scene.name, self.static)}/{self.test}/truth"
+
+
+def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> dict[str, float]:
+    """Parameters of a scene under a load; of an engine without a static coefficient mus = mu, in the limit as well.
+
+    Raises
+    ------
+    InputError
+        If the scene lacks one of `PARAMETERS`.
+    """
+    if missing := [name for name in PARAMETERS if name not in scene.parameters]:
+        raise InputError(f"{scene.name}: parameters: found no {', '.join(missing)}; expected {', '.join(PARAMETERS)}, "
+                         "as the scenes hold-.. of the catalogue have them")
+    data = load_data()
+    change = {HELD: {"part": load}, RAMP: data.ramp,
+              STOP: {name: data.stop[name] for name in ("part", "v0")}}[test]
+    return {**change, **({} if static_coefficient else {"mus": scene.parameters["mu"]})}
+
+
+def measured(engine: str, scene: Scene, test: str, arguments: Mapping[str, Any]) -> tuple[Slip, Trajectory]:
+    """Run a scene and reduce it: the numbers of its slip, and the ends of its trajectory.
+
+    Raises
+    ------
+    EngineFailure
+        If the run ended early.
+    """
+    run = load_engine(engine).simulate(scene, output_step=OUTPUT[test], **arguments)
+    if run.termination != "end":
+        raise EngineFailure(run.termination)
+    guide = next(iter(scene.frictional_guides))
+    size = max(1.0, *(float(np.max(np.abs(run[f"{body}.{name}"]))) for body in scene.bodies for name in "xy"))
+    rounding = np.finfo(float).eps * size * max(1, run.cost.counters.get("steps", len(run.t)))
+    found = slip_of(run.t, run[f"{guide}.displacement"], run[f"{guide}.slip_velocity"], rounding,
+                    **_window(scene, test))
+    ends = replace(run, t=run.t[[0, -1]], columns={name: column[[0, -1]] for name, column in run.columns.items()},
+                   events=())
+    return found, ends
+
+
+def true_slip(scene: Scene, test: str) -> tuple[Slip, float]:
+    """The same numbers of the truth, and the uncertainty of its displacement.
+
+    Raises
+    ------
+    InputError
+        If there is no truth.
+    """
+    truth, guide = ground_truth(scene), next(iter(scene.frictional_guides))
+    if truth.tier == NO_TRUTH:
+        raise InputError(f"{scene.name}: found no truth: {truth.note}; expected one of its motion")
+    t = np.linspace(0.0, scene.t_end, round(scene.t_end / TRUE_STEP) + 1)
+    columns = truth(t)
+    found = slip_of(t, columns[f"{guide}.displacement"], columns[f"{guide}.slip_velocity"], **_window(scene, test))
+    return found, truth.uncertainty.get(f"{guide}.displacement", 0.0)
+
+
+def _window(scene: Scene, test: str) -> dict[str, Any]:
+    """The end of the landing, and the period over which a held load's displacement is averaged."""
+    return {"landed": load_data().stop["landed"] if test == STOP else LANDING, "period": scene.parameters.get("period")}
+
+
+def compared(scope: Scope) -> tuple[Variant, ...]:
+    """The variants of the other studies at the steps of this one, or at their tightest tolerance; labels are unique."""
+    steps = tuple(load_data().depths[scope.depth].steps)
+    return tuple(replace(variant, ladder=steps if variant.parameter == "dt" else variant.ladder[-1:])
+                 for variant in variants(scope.engines))
+
+
+def tried(scope: Scope) -> Iterator[Variant]:
+    """The subjects with each of their settings, at the step nearest to `COMMON_STEP`.
+
+    They have one coefficient, so that their own friction is seen, and no adapter that switches between two.
+    """
+    step = min(load_data().depths[scope.depth].steps, key=lambda step: rank("dt", step))
+    for subject in load_data().subjects:
+        if scope.engines is None or subject.engine in scope.engines:
+            yield from subject.variants((step,))
+
+
+def plan(scope: Scope) -> Comparison[Tables]:
+    """Every method on every scene and load of the depth, or on the one scene that is given; in full settings, too.
+
+    Settings are tried with mus = mu and loads of at most `USUAL`.
+    """
+    data = load_data()
+    depth = data.depths[scope.depth]
+    one = scope.scenes if len(scope.scenes) == 1 else ()
+    scenes = one or tuple(map(load_scene, depth.scenes))
+    held = [(HELD, load) for load in depth.loads]
+    moved = [(RAMP, data.ramp["part"]), (STOP, data.stop["part"])] if depth.moved else []
+    usual = [(test, load) for test, load in held if load <= USUAL]
+    ways = [(scene, variant, has_static_coefficient(variant), held + moved)
+            for scene in scenes for variant in compared(scope)]
+    ways += [(scene, variant, False, usual) for scene in (one or map(load_scene, depth.settings)) if depth.settings
+             for variant in tried(scope)]
+    trials = []
+    for scene, variant, static, chosen in ways:
+        for test, load in chosen:
+            changed = changes(scene, test, load, static)
+            trials += [Trial(vary(scene, changed), changed, static, variant, step, test, load)
+                       for step in variant.ladder]
+    truths = {trial.truth: Task(trial.truth, true_slip, (trial.scene, trial.test))
+              for trial in trials if trial.test != HELD}
+    tasks = [Task(trial.key, measured, (trial.variant.engine, trial.scene, trial.test, {
+        trial.variant.parameter: trial.step, "fidelity": trial.variant.fidelity, **trial.variant.settings}))
+        for trial in trials]
+
+    def tabulate(outcomes: Sequence[Outcome]) -> Tables:
+        known = dict(zip(truths, outcomes))
+        table = pd.DataFrame([_row(trial, outcome, known.get(trial.truth))
+                              for trial, outcome in zip(trials, outcomes[len(truths):], strict=True)])
+        return Tables({"hold": table, "hold-methods": methods_table(table), "hold-laws": laws_table(table),
+                       "hold-settings": settings_table(table)})
+
+    return Comparison((*truths.values(), *tasks), tabulate, tuple({way[1].label: way[1] for way in ways}.values()))
+
+
+def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]:
+    """A row of the table: of a failed run with its reason, of a run without truth without errors."""
+    ends = outcome.value and outcome.value[1]
+    record = Record(trial.key, trial.scene.name, trial.variant, trial.step, replace(outcome, value=ends))
+    subject, _, setting = trial.variant.label.partition(": ")
+    row = {**record.describe(), "truth": truth_key(trial.scene.name, trial.static),
+           SUBJECT: subject if setting else None, SETTING: setting or None, TEST: trial.test, LOAD: trial.load,
+           CHANGED: json.dumps({"set": trial.changed, "setting": trial.variant.settings}, default=str)}
+    if outcome.value is None:
+        return row
+    found = outcome.value[0]
+    if trial.test != RAMP:
+        row |= _creep(trial, found, ends)
+    if trial.test == HELD:
+        row[LANDED] = found.landing
+    if true is None or true.value is None:
+        return row if true is None else row | {"truth note": f"{true.status}: {true.reason}"}
+    exact, unsure = true.value
+    if trial.test == STOP:
+        return row | {STOPPED: found.landing - exact.landing, STOP_UNSURE: unsure}
+    return row | _break_away(trial.scene, found, exact)
+
+
+def _creep(trial: Trial, found: Slip, ends: Trajectory) -> dict[str, Any]:
+    """Creep in m/s, and in units of g dt and of the regularization that the run states."""
+    row, speed = {CREEP: found.creep.value, UNSURE: found.creep.uncertainty}, abs(found.creep.value)
+    if trial.variant.parameter == "dt" and trial.scene.gravity:
+        row[OF_STEP] = speed / (math.hypot(*trial.scene.gravity) * trial.step)
+    zone = load_data().regularization.get(f"{trial.variant.engine}, {trial.variant.fidelity}")
+    if zone is not None:
+        row[OF_ZONE] = speed / float(ends.settings[zone])
+    return row
+
+
+def _break_away(scene: Scene, found: Slip, exact: Slip) -> dict[str, Any]:
+    """The load at which it lets go less the truth's, both at the same speed; a slider that never does has a bound.
+
+    Where the load is periodic the slider may be at rest again a moment after it let go: no acceleration is compared.
+    """
+    if exact.let_go is None:
+        return {"truth note": f"the truth does not reach {LET_GO:g} m/s"}
+    rate = scene.parameters["ramp"]
+    let_go = scene.t_end if found.let_go is None else found.let_go
+    row: dict[str, Any] = {BREAK_AWAY: rate * (let_go - exact.let_go), BREAK_UNSURE: rate * OUTPUT[RAMP]}
+    if found.let_go is None:
+        row["bound"] = "≥"
+    elif found.let_go <= LANDING:
+        row["bound"] = "≤"
+    elif found.acceleration is not None and exact.acceleration and "period" not in scene.parameters:
+        row[FASTER] = found.acceleration / exact.acceleration - 1
+    return row
+
+
+def methods_table(table: pd.DataFrame) -> pd.DataFrame:
+    """A row per method at the step nearest to `COMMON_STEP`, on all scenes of the depth.
+
+    `HOLDS`: every load of at most `USUAL` is held, within `STILL` or the uncertainty. `CREEP`: the fastest there, with
+    its scene and load. ``failed``: the runs that failed.
+    """
+    own = with_columns(table, CREEP, UNSURE)
+    own = own[own[SUBJECT].isna() & own[TEST].eq(HELD) & ~own["status"].isin(UNMADE)]
+    rows = []
+    for _, runs in own.groupby("variant", sort=False):
+        ranks = [rank(*pair) for pair in zip(runs["parameter"], runs["step"])]
+        runs = runs[(np.array(ranks) == min(ranks)) & (runs[LOAD] <= USUAL)]
+        made = runs[succeeded(runs) & runs[CREEP].notna()]
+        if runs.empty:
+            continue
+        row = {**runs.iloc[0][["variant", "engine", "fidelity", "truth"]], "failed": len(runs) - len(made)}
+        if len(made):
+            speed = made[CREEP].abs()
+            worst = made.loc[speed.idxmax()]
+            row |= {HOLDS: bool((speed <= np.maximum(STILL, made[UNSURE])).all() and len(made) == len(runs)),
+                    "scene": worst["scene"], LOAD: worst[LOAD], CREEP: float(speed.max()), UNSURE: worst[UNSURE]}
+        rows.append(row)
+    return pd.DataFrame(rows, columns=["variant", "engine", "fidelity", "truth", "failed", HOLDS, "scene", LOAD, CREEP,
+                                       UNSURE])
+
+
+def laws_table(table: pd.DataFrame) -> pd.DataFrame:
+    """A row per law: the fitted exponent, its interval, and the verdict. The first: the reference rests exactly.
+
+    Of a law over the load the default runs count, of one over a setting those that change it, and the default, at each
+    scene and load apart. Creep within its uncertainty is left out: rounding has no law. The verdict is `OPEN` where the
+    interval is partly within `BAND`, or there are too few runs.
+    """
+    rows: list[dict[str, Any]] = []
+    tried = with_columns(table, CREEP, UNSURE, SETTING)
+    tried = tried[succeeded(tried) & tried[TEST].eq(HELD)]
+    own = tried[tried["variant"] == REFERENCE]
+    if len(own):
+        rows.append({SUBJECT: REFERENCE, "over": REST, "source": "derived in each scene", "runs": len(own),
+                     "verdict": OBEYED if own[CREEP].eq(0).all() else BROKEN})
+    tried = tried[tried[CREEP].abs() > tried[UNSURE]]
+    for law in load_data().laws:
+        runs = tried[tried[SUBJECT] == law.subject]
+        if law.over == "load":
+            runs = runs[runs[SETTING] == DEFAULT]
+            runs = runs.assign(over=runs[LOAD], apart=runs["scene"])
+        else:
+            runs = runs[(runs[SETTING] == DEFAULT) | runs[SETTING].str.startswith(f"{law.over}=", na=False)]
+            stated = [json.loads(settings).get(law.over) for settings in runs["settings"]]
+            runs = runs.assign(over=stated, apart=runs["scene"] + runs[LOAD].astype(str))
+            runs = runs[runs["over"] >= law.least]
+        if runs.empty:
+            continue
+        series = [(part["over"].to_numpy(float), part[CREEP].abs().to_numpy(float))
+                  for _, part in runs.groupby("apart", sort=False) if part["over"].nunique() > 1]
+        fitted = fitted_exponent(series) if series else None
+        rows.append({SUBJECT: law.subject, "over": law.over, "law [-]": law.exponent, "source": law.source,
+                     "runs": len(runs), "exponent [-]": fitted and fitted.value,
+                     EXPONENT_UNSURE: fitted and fitted.uncertainty,
+                     "verdict": verdict(fitted, law.exponent)})
+    return pd.DataFrame(rows, columns=[SUBJECT, "over", "law [-]", "source", "runs", "exponent [-]", EXPONENT_UNSURE,
+                                       "verdict"])
+
+
+def verdict(fitted: Uncertain | None, law: float) -> str:
+    """The verdict on an exponent with half the width of its interval."""
+    if fitted is None:
+        return OPEN
+    off = abs(fitted.value - law)
+    return OBEYED if off + fitted.uncertainty <= BAND else BROKEN if off - fitted.uncertainty > BAND else OPEN
+
+
+def settings_table(table: pd.DataFrame) -> pd.DataFrame:
+    """A row per subject and setting, over the scenes and loads at which the default succeeded.
+
+    `CREEP` is the fastest, `SLOWER` that over the default's, `TIME` the median of the engine times over the default's,
+    with the ends of its interval; single runs are timed, beside others.
+    """
+    rows = []
+    tried = with_columns(table, CREEP, UNSURE)
+    for subject, group in tried[tried[SUBJECT].notna()].groupby(SUBJECT, sort=False):
+        made = group[succeeded(group) & group[CREEP].notna()].set_index(["scene", LOAD])
+        default = made[made[SETTING] == DEFAULT]
+        for setting in group[SETTING].unique():
+            found = made[made[SETTING] == setting]
+            shared = default.index.intersection(found.index)
+            row = {SUBJECT: subject, SETTING: setting, "failed": len(default) - len(shared)}
+            if len(shared):
+                found, before = found.loc[shared], default.loc[shared]
+                worst = found[CREEP].abs().to_numpy().argmax()
+                times = ratio_interval(found[OWN_CPU].tolist(), before[OWN_CPU].tolist())
+                row |= {CREEP: abs(found[CREEP].iloc[worst]), UNSURE: found[UNSURE].iloc[worst],
+                        SLOWER: _over(abs(found[CREEP].iloc[worst]), before[CREEP].abs().max()),
+                        TIME: times.value, f"{TIME}, low": times.low, f"{TIME}, high": times.high}
+            rows.append(row)
+    return pd.DataFrame(rows, columns=[SUBJECT, SETTING, "failed", CREEP, UNSURE, SLOWER, TIME, f"{TIME}, low",
+                                       f"{TIME}, high"])
+
+
+def _over(creep: float, default: float) -> float:
+    """Ratio of two speeds; 1 where both are 0, none to a default that does not creep."""
+    return creep / default if default > 0 else 1.0 if creep == 0 else math.nan
+
+
+def present(results: Results) -> Presentation:
+    """The methods that hold, the speeds at which the others creep, and the setting that slows it most."""
+    table, methods = results.table("hold"), results.table("hold-methods")
+    settings, laws = results.table("hold-settings"), results.table("hold-laws")
+    if methods.empty or methods[CREEP].isna().all():
+        return Presentation()
+    ranked = methods[methods[CREEP].notna()].sort_values(CREEP, kind="stable")
+    creeping = ranked[ranked[HOLDS].eq(False) & (ranked[CREEP] > STILL)]
+    answer = traced("Up to 90 % of the limit {} of {} methods hold{}.", count("hold-methods", methods, holds=True),
+                    count("hold-methods", methods, variant=frozenset(ranked["variant"])), _speeds(methods, creeping))
+    headline = Headline("creep up to 90 % of the limit [m/s]", {
+        row["variant"]: TracedText("lets go") if row[CREEP] > LET_GO else
+        traced("{}", _speed("hold-methods", methods, label)) for label, row in ranked.iterrows()})
+    loads = sorted(table.loc[table[TEST] == HELD, LOAD].unique())
+    figures = [_over_load(table, methods, loads), *([_over_cost(settings)] if len(settings) else [])]
+    findings = (_named(ranked, creeping), _best(settings), *_laws(laws), _failed(methods))
+    return Presentation(answer, tuple(filter(None, findings)), (headline,),
+                        tuple(_tables(table, methods, settings, laws, loads)), tuple(figures), NOTES)
+
+
+def _speed(name: str, table: pd.DataFrame, label: Any) -> Number:
+    """The creep in a row, 0 where it is below rounding."""
+    return value(name, table, int(label), CREEP, "" if table.at[label, CREEP] else "g", UNSURE)
+
+
+def _speeds(methods: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
+    """The slowest and the fastest of those that creep, and the number of those that let go."""
+    creeping, gone = failing[failing[CREEP] <= LET_GO], failing[failing[CREEP] > LET_GO]
+    let_go = traced("; {} let go", count("hold-methods", methods, variant=frozenset(gone["variant"])))
+    if creeping.empty:
+        return let_go if len(gone) else TracedText("")
+    ends = [traced("{} at {} m/s", called(creeping.at[label, "variant"]), _speed("hold-methods", methods, label))
+            for label in dict.fromkeys((creeping.index[0], creeping.index[-1]))]
+    creep = traced("; {} creep, {}", count("hold-methods", methods, variant=frozenset(creeping["variant"])),
+                   listed(ends, last=" to "))
+    return traced("{}{}", creep, let_go) if len(gone) else creep
+
+
+def _named(ranked: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
+    """The methods that hold, and those that let go, by name."""
+    holding = listed([called(label) for label in ranked.loc[ranked[HOLDS].eq(True), "variant"]], "; ")
+    gone = listed([traced("{} (on {})", called(row["variant"]), row["scene"])
+                   for _, row in failing[failing[CREEP] > LET_GO].iterrows()], "; ")
+    return traced("{}{}", sentence("At rest: {}.", holding), sentence(" Let go: {}.", gone))
+
+
+def _best(settings: pd.DataFrame) -> TracedText:
+    """The setting with the least creep of each subject whose default creeps, and its cost."""
+    parts = []
+    for subject, rows in settings[settings["failed"].eq(0)].groupby(SUBJECT, sort=False) if len(settings) else ():
+        best = int(rows[CREEP].idxmin())
+        if (rows.loc[rows[SETTING] == DEFAULT, CREEP] > STILL).any() and rows.at[best, SETTING] != DEFAULT:
+            time = value("hold-settings", settings, best, TIME, ".2g")
+            parts.append(traced("{} with {} ({} m/s, {})", str(subject), rows.at[best, SETTING],
+                                _speed("hold-settings", settings, best), time))
+    return sentence("Least creep, and time over the default's: {}.", listed(parts, "; ", "; "))
+
+
+def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
+    """The verdict on the reference, and those on laws, each kind in a sentence."""
+    for label, row in laws[laws["over"] == REST].iterrows() if len(laws) else ():
+        yield traced(f"The reference {'rests' if row['verdict'] == OBEYED else 'creeps'} ({{}} runs).",
+                     value("hold-laws", laws, int(label), "runs", ".0f"))
+    for word in (BROKEN, OBEYED, OPEN) if len(laws) else ():
+        found = [traced("{} over {}{}", row[SUBJECT], row["over"], _exponent(laws, int(label)))
+                 for label, row in laws[(laws["verdict"] == word) & (laws["over"] != REST)].iterrows()]
+        if found:
+            yield traced(f"Laws of creep that are {word}: {{}}.", listed(found))
+
+
+def _exponent(laws: pd.DataFrame, label: int) -> TracedText:
+    if pd.isna(laws.at[label, "exponent [-]"]):
+        return TracedText()
+    return traced(" ({})", interval("hold-laws", _rounded(laws), label, "exponent [-]", EXPONENT_UNSURE))
+
+
+def _rounded(laws: pd.DataFrame) -> pd.DataFrame:
+    """Laws with exponents to three digits at most."""
+    return laws.assign(**{EXPONENT_UNSURE: laws[EXPONENT_UNSURE].astype(float).clip(lower=5e-3)})
+
+
+def _failed(methods: pd.DataFrame) -> TracedText:
+    found = methods[methods["failed"] > 0]
+    return sentence("Runs that failed: {}.", listed([
+        traced("{} ({})", called(row["variant"]), value("hold-methods", methods, int(label), "failed", ".0f"))
+        for label, row in found.iterrows()]))
+
+
+def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, laws: pd.DataFrame,
+            loads: Sequence[float]) -> Iterator[TableView]:
+    """Creep by method and load, what is beyond the limit, settings, laws, and every run."""
+    at_loads = [Column(f"creep at {load:g}", f"{100 * load:g} %", "m/s", f"uncertainty at {load:g}") for load in loads]
+    yield view("hold", "Creep of each method, the fastest on any scene, at loads in parts of the limit; the step "
+               "nearest to 1 ms or the tightest tolerance.", _by_load(table, methods, loads),
+               (Column("variant", "method"), Column("fidelity"), Column(FRICTION_BY, "friction law supplied by"),
+                *at_loads, Column("scene", "fastest on", brief=False), Column(HOLDS)))
+    usual = with_columns(table, CREEP, UNSURE)
+    usual = usual[usual[SUBJECT].isna() & usual[TEST].eq(HELD) & usual[LOAD].eq(USUAL) & usual[CREEP].notna()]
+    fastest = usual[CREEP].abs().groupby([usual["variant"], usual["step"]], sort=False).idxmax()
+    yield view("hold-steps", f"Creep at {100 * USUAL:g} % of the limit along each refinement series, fastest on any "
+               "scene.", usual.loc[fastest], (
+                   Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
+                   Column(CREEP, "creep", "m/s", UNSURE), Column(OF_STEP, "of g dt", form=".2g"),
+                   Column(OF_ZONE, "of the regularization", form=".2g"), Column("scene", "on")),
+               source="hold", in_report=False)
+    moved = _beyond(table, methods)
+    if moved:
+        yield view("hold-limit", "What a method does besides: displacement in the first 0.1 s; load at break-away "
+                   "under a slow ramp and acceleration after it, both less the truth's; where it comes to rest less "
+                   "where the truth does. Each the worst of all scenes.", moved,
+                   (Column("variant", "method"), Column("fidelity"), Column(LANDED, form=".2g"),
+                    Column(BREAK_AWAY, "break-away, of the limit", "%", BREAK_UNSURE, interval=True, scale=100,
+                           bound="bound"),
+                    Column(FASTER, "acceleration", "%", form=".2g", scale=100),
+                    Column(STOPPED, "stop", "m", STOP_UNSURE)), source="hold")
+    if len(settings):
+        yield view("hold-settings", "Creep with each setting, one changed at a time; the fastest of all scenes and "
+                   "loads, and engine time over the default's.", settings,
+                   (Column(SUBJECT, "engine"), Column(SETTING), Column(CREEP, "creep", "m/s", UNSURE),
+                    Column(SLOWER, "of the default's", form=".2g"), Column(TIME, "time, of the default's", form=".2g"),
+                    Column("failed")))
+    if len(laws):
+        yield view("hold-laws", "Laws of creep: the power with which it grows, fitted, and that of the law.",
+                   _rounded(laws), (Column(SUBJECT, "engine"), Column("over"), Column("law [-]", "law", form="g"),
+                    Column("exponent [-]", "fitted", "", EXPONENT_UNSURE, interval=True), Column("runs"),
+                    Column("verdict"), Column("source", brief=False)))
+    yield view("hold-all", "Every run.", table, [Column(name) for name in table if name not in ("settings", "version")],
+               source="hold", in_report=False)
+
+
+def _at_equal_step(table: pd.DataFrame, methods: pd.DataFrame) -> Iterator[tuple[pd.Series, pd.DataFrame]]:
+    """Each method with the runs of it that stand for it."""
+    own = table[table[SUBJECT].isna()]
+    for _, method in methods.iterrows():
+        yield method, at_equal_step(own, method["variant"])
+
+
+def _by_load(table: pd.DataFrame, methods: pd.DataFrame,
+             loads: Sequence[float]) -> list[tuple[dict[str, Any], pd.DataFrame]]:
+    found = []
+    for method, runs in _at_equal_step(table, methods):
+        held = runs[runs[TEST].eq(HELD) & runs[CREEP].notna()]
+        row = {**method[["variant", "fidelity", "scene", HOLDS]],
+               FRICTION_BY: next(iter(runs[FRICTION_BY].dropna()), "")}
+        for load in loads:
+            if len(there := held[held[LOAD] == load]):
+                worst = there.loc[there[CREEP].abs().idxmax()]
+                row |= {f"creep at {load:g}": abs(worst[CREEP]),
+                        f"uncertainty at {load:g}": worst[UNSURE] if worst[CREEP] else None}  # below rounding it is 0
+        found.append((row, held))
+    return found
+
+
+def _beyond(table: pd.DataFrame, methods: pd.DataFrame) -> list[tuple[dict[str, Any], pd.DataFrame]]:
+    """The worst landing, break-away, acceleration and stop of each method."""
+    table, found = with_columns(table, LANDED, BREAK_AWAY, BREAK_UNSURE, FASTER, STOPPED, STOP_UNSURE, "bound"), []
+    if table[BREAK_AWAY].isna().all():
+        return []
+    for method, runs in _at_equal_step(table, methods):
+        row = {**method[["variant", "fidelity"]]}
+        for names in ((LANDED,), (BREAK_AWAY, BREAK_UNSURE, "bound"), (FASTER,), (STOPPED, STOP_UNSURE)):
+            if runs[names[0]].notna().any():
+                row |= dict(runs.loc[runs[names[0]].abs().idxmax(), list(names)])
+        found.append((row, runs))
+    return found
+
+
+def _over_load(table: pd.DataFrame, methods: pd.DataFrame, loads: Sequence[float]) -> Chart:
+    """A panel a fidelity, a line a method."""
+    rows = [row for row, _ in _by_load(table, methods, loads)]
+    panels = []
+    for fidelity in FIDELITIES:
+        series = []
+        for row in rows:
+            known = [load for load in loads if f"creep at {load:g}" in row]
+            if row["fidelity"] == fidelity and known:
+                creep = np.array([row[f"creep at {load:g}"] for load in known], dtype=float)
+                series.append(Series(row["variant"], 100 * np.array(known), np.clip(creep, *ENDS),
+                                     look=row["variant"], points=True))
+        if series:
+            panels.append(Panel(f"{fidelity} fidelity", Axis("load [% of the limit]"), SPEEDS, series))
+    return Chart("hold", "Creep over load, the fastest on any scene, at the step nearest to 1 ms or the tightest "
+                 f"tolerance. {EDGES}", panels, columns=2, height=2.8,
+                 share_y=True)
+
+
+def _over_cost(settings: pd.DataFrame) -> Chart:
+    """A panel a subject, each choice a point."""
+    panels = []
+    for subject, rows in settings[settings[CREEP].notna()].groupby(SUBJECT, sort=False):
+        is_default = rows[SETTING] == DEFAULT
+        times, creep = rows[TIME].clip(upper=SLOWEST), rows[CREEP].clip(*ENDS)
+        series = [Series(label, times[chosen].to_numpy(float), creep[chosen].to_numpy(float), look=look, line=False,
+                         points=True)
+                  for label, look, chosen in (("another choice", OTHER, ~is_default), (DEFAULT, CHOSEN, is_default))
+                  if chosen.any()]
+        panels.append(Panel(str(subject), Axis("time, of the default's", limits=(0.0, 1.05 * SLOWEST)), SPEEDS, series))
+    return Chart("hold-settings", "Creep against engine time with each setting, one changed at a time: the fastest "
+                 f"creep of all scenes and loads. {EDGES} So does a time of {SLOWEST:g} and more.", panels, columns=2,
+                 height=1.5, share_x=True, share_y=True)
+
+
+STUDY = Study("hold", "Hold", "Does it hold, below the limit of static friction?", 4.5, present, plan, seconds=0.1,
+              needs_scene=False, takes=frozenset({"engines"}))

@@ -1,0 +1,295 @@
+"""Held loads: limits by statics of their own, the reference at rest and beyond, creep that is put in, laws, and sentences."""
+
+import json
+import shlex
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import here, installed
+from made_up_runs import sentences, wrong_numbers
+from scipy.optimize import brentq
+from typer.testing import CliRunner
+
+from stiction.cli.app import app
+from stiction.cli.exit_codes import BAD_INPUT
+from stiction.comparisons.campaigns.validation import union
+from stiction.comparisons.depth import Depth
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies import hold
+from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT
+from stiction.comparisons.studies.hold import (BROKEN, CREEP, HELD, HOLDS, LOAD, OBEYED, OPEN, RAMP, SLOWER, STOP, TEST,
+                                               UNSURE, changes, laws_table, load_data, measured, methods_table, plan,
+                                               present, settings_table, true_slip, verdict)
+from stiction.comparisons.studies.study import Scope
+from stiction.comparisons.uncertain import Uncertain
+from stiction.comparisons.variants import OWN_CPU
+from stiction.engines import load_engine
+from stiction.reports.run_folder.reproduce import again_held
+from stiction.scenes import InputError, catalogue, load_scene, vary
+
+SCENES = [name for name in catalogue() if name.startswith("hold-")]
+G = 9.81
+MASS = {"hold-level": 1.0, "hold-incline": 1.0, "hold-bar": 3.0, "hold-moment": 1.0}
+"""That the load accelerates, kg, where the normal force is constant."""
+
+
+def loaded(scene, test, load, static):
+    return vary(scene, changes(scene, test, load, static))
+
+
+def statics(name, t, load, mus):
+    """Force along the guide, normal force and moment of all loads about the slider's centre, by the numbers of the scenes' figures.
+
+    `load` in newton along the guide, gravity included.
+    """
+    w = 4 * np.pi  # of the turning bar: a turn in half a second
+    along, normal, moment = {
+        "hold-level": (load, G, 0.0),
+        "hold-incline": (load, G * np.cos(np.pi / 18), 0.0),
+        "hold-bar": (load, 3 * G, -2 * G * 1.0),  # 2 kg at 1 m
+        "hold-moment": (load, G + 20.0, -20.0 * 0.5 - 0.2 * load),
+        "hold-turning-bar": (load + 0.5 * 0.025 * w ** 2 * np.cos(w * t), 1.5 * G - 0.5 * 0.025 * w ** 2 * np.sin(w * t),
+                             -0.5 * G * 0.025 * np.cos(w * t)),
+        "hold-vibration": (load, G - 0.5 * G * np.sin(10 * np.pi * t), 0.0)}[name]
+    return along, normal, moment
+
+
+def friction_at_limit(name, t, load, mu):
+    """mu (|n1| + |n2|): the corners carry the normal force and the moment of the loads and of full friction on both surfaces.
+
+    n1 + n2 = R; (n2 - n1) a/2 = -M + (b/2) mu R, with a = 0.6 and b = 0.5, friction against a motion along the load.
+    """
+    _, normal, moment = statics(name, t, load, mu)
+    difference = 2 / 0.6 * (-moment + 0.25 * mu * normal)
+    return mu * (abs(normal - difference) + abs(normal + difference)) / 2
+
+
+def margin(name, t, load, mu):
+    return friction_at_limit(name, t, load, mu) - statics(name, t, load, mu)[0]
+
+
+def coefficients(name, static):
+    mu, mus = (0.03, 0.04) if name == "hold-bar" else (0.2, 0.3)
+    return mu, mus if static else mu
+
+
+@pytest.mark.parametrize("static", [True, False])
+@pytest.mark.parametrize("name", SCENES)
+def test_the_limit_is_that_of_statics(name, static):
+    """The load at which the least margin over a period is 0; sampled finely, as the least is flat where it lies."""
+    scene, (_, mus) = loaded(load_scene(name), HELD, 0.5, static), coefficients(name, static)
+    t = np.linspace(0.0, 1.0, 200_001)
+    limit = brentq(lambda load: min(margin(name, s, load, mus) for s in (t if "period" in scene.parameters else t[:1])[::1000]),
+                   0.0, 50.0, xtol=1e-12) if "period" not in scene.parameters else brentq(
+        lambda load: float(np.min(margin(name, t, load, mus))), 0.0, 50.0, xtol=1e-12)
+    assert scene.parameters["limit"] == pytest.approx(limit, rel=1e-9)
+
+
+@pytest.mark.parametrize("static", [True, False])
+@pytest.mark.parametrize("name", SCENES)
+def test_the_reference_rests_below_the_limit(name, static, compiled):
+    """Slip is 0 up to rounding, and no event; the turning bar is integrated, to a tolerance of 1e-12."""
+    for load in (0.1, 0.5, 0.9, 0.99):
+        scene = loaded(load_scene(name), HELD, load, static)
+        run = load_engine("reference").simulate(scene, rtol=1e-12)
+        assert run.termination == "end" and not run.events and np.all(run["guide.mode"] == 0)
+        bound = {"hold-turning-bar": 1e-12, "hold-incline": 1e-15}.get(name, 0.0)
+        assert np.max(np.abs(run["guide.slip_velocity"])) <= bound
+        assert measured("reference", scene, HELD, {"rtol": 1e-12})[0].creep.value == 0.0
+
+
+@pytest.mark.parametrize("static", [True, False])
+@pytest.mark.parametrize("name", SCENES)
+def test_the_reference_breaks_away_where_statics_do(name, static, compiled):
+    """The first instant at which the margin under the ramp is 0; without events of their own, times are those of the integrator."""
+    scene, (_, mus) = loaded(load_scene(name), RAMP, 0.8, static), coefficients(name, static)
+    limit = scene.parameters["limit"]
+
+    def under_ramp(t):
+        return margin(name, t, (0.8 + 0.25 * t) * limit, mus)
+
+    t = np.linspace(0.0, 1.5, 15_001)
+    first = int(np.argmax(under_ramp(t) < 0))
+    exact = brentq(under_ramp, t[first - 1], t[first], xtol=1e-14)
+    events = load_engine("reference").simulate(scene, rtol=1e-12).events
+    assert events[0].kind == "slip" and abs(0.25 * (events[0].time - exact)) < 1e-9
+
+
+@pytest.mark.parametrize("static", [True, False])
+@pytest.mark.parametrize("name", MASS)
+def test_beyond_the_limit_the_truth_has_the_closed_form(name, static, compiled):
+    """m x'' = load - friction; from break-away on the load grows, and speeds are integrals of it; a stop takes v^2/(2 a)."""
+    mu, mus = coefficients(name, static)
+    scene = loaded(load_scene(name), RAMP, 0.8, static)
+    limit, mass = scene.parameters["limit"], MASS[name]
+
+    def acceleration(load):
+        return -margin(name, 0.0, load, mu) / mass
+
+    found, _ = true_slip(scene, RAMP)
+    gained = brentq(lambda s: acceleration(limit) * s + (acceleration(1.25 * limit) - acceleration(limit)) * s ** 2 / 2 - 1e-3, 0, 1)
+    assert found.let_go == pytest.approx(0.8 + gained, abs=1e-6)  # samples every 0.1 ms, a line between
+    assert found.acceleration == pytest.approx(acceleration(limit * (1 + 0.25 * (gained + 0.025))), rel=1e-3)
+    stop = loaded(load_scene(name), STOP, 0.5, static)
+    assert true_slip(stop, STOP)[0].landing == pytest.approx(0.05 ** 2 / (-2 * acceleration(0.5 * limit)), rel=1e-9)
+
+
+class Creeping:
+    """The reference with a creep that is put into it: a regularized law of some width, in proportion to the load or to its square root."""
+
+    def __init__(self, zone, power=1.0):
+        self.zone, self.power, self.settings = zone, power, []
+
+    def simulate(self, scene, **arguments):
+        zone = self.zone * arguments.pop("scale", 1.0)
+        run = load_engine("reference").simulate(scene, **arguments)
+        speed = zone * scene.parameters["part"] ** self.power
+        columns = {**run.columns, "guide.displacement": run["guide.displacement"] + speed * run.t,
+                   "guide.slip_velocity": run["guide.slip_velocity"] + speed}
+        return replace(run, columns=columns, settings={**run.settings, "scale": zone / self.zone})
+
+
+@pytest.mark.parametrize("zone", [1e-8, 1e-5])
+def test_creep_that_is_put_into_the_reference_is_noticed(zone, monkeypatch, compiled):
+    monkeypatch.setattr(hold, "load_engine", lambda name: Creeping(zone))
+    with here():
+        tables = plan(Scope((), Depth.QUICK, ())).make().tables
+    own = tables["hold-methods"].set_index("variant")
+    assert not own[HOLDS].any() and list(tables["hold-laws"]["verdict"]) == [BROKEN]
+    assert own.loc["reference", CREEP] == pytest.approx(0.9 * zone, rel=1e-3)
+
+
+@pytest.fixture(scope="module")
+def quick():
+    installed("pymunk")
+    with here():
+        return plan(Scope((), Depth.QUICK, ("pymunk",))).make()
+
+
+def test_a_quick_study_has_a_row_a_run_and_holds_with_the_reference(quick):
+    table, methods = quick.tables["hold"], quick.tables["hold-methods"]
+    assert (table["status"] == "ok").all() and table["key"].is_unique and set(table[TEST]) == {HELD}
+    assert methods.loc[methods["engine"] == "reference", HOLDS].all()
+    assert list(methods["variant"]) == list(table["variant"].unique())
+    said = present(union([quick]))
+    assert list(quick.tables["hold-laws"]["verdict"]) == [OBEYED] and "The reference rests (1 runs)." in sentences(said)
+    assert not wrong_numbers(said, Results((), {}, quick.tables))
+    assert set(said.headlines[0].cells) == set(methods["variant"]) and len(said.answer.text) <= 160
+
+
+@pytest.mark.parametrize("damage", [1.0, 10.0])
+def test_the_regularization_of_exudyn_is_the_one_it_states(damage, monkeypatch):
+    """Creep = load/limit of friction_zone; an adapter whose zone were ten times as wide as it says is noticed."""
+    engine = installed("exudyn")
+
+    class Damaged:
+        def simulate(self, scene, **arguments):
+            run = engine.simulate(scene, friction_zone=damage * 1e-4, **arguments)
+            return replace(run, settings={**run.settings, "friction_zone": 1e-4})
+
+    monkeypatch.setattr(hold, "load_engine", lambda name: Damaged())
+    scene = loaded(load_scene("hold-level"), HELD, 0.5, False)
+    found, ends = measured("exudyn", scene, HELD, {"dt": 1e-3, "fidelity": "contact"})
+    ratio = found.creep.value / ends.settings["friction_zone"]
+    assert (abs(ratio / 0.5 - 1) < 0.05) == (damage == 1.0)
+
+
+@pytest.mark.parametrize("engine", ["reference", "pymunk"])
+def test_a_run_beyond_the_limit_against_the_truth(engine, compiled):
+    """The reference lets go, accelerates and stops where the truth does; pymunk's joint within a step or two of 1 ms."""
+    installed(engine)
+    given = {"rtol": 1e-12} if engine == "reference" else {"dt": 1e-3}
+    for test in (RAMP, STOP):
+        scene = loaded(load_scene("hold-moment"), test, 0.8, True)
+        found, (exact, _) = measured(engine, scene, test, given)[0], true_slip(scene, test)
+        if test == RAMP:
+            assert abs(found.let_go - exact.let_go) < 3e-3 and found.acceleration == pytest.approx(exact.acceleration, rel=0.02)
+        else:
+            assert found.landing == pytest.approx(exact.landing, abs=2 * 0.05 * 1e-3) and abs(found.creep.value) < 1e-9
+
+
+def made_up(subject, setting, load, creep, unsure=0.0, cpu=1.0, scene="s", status="ok", **settings):
+    return {"scene": scene, "variant": f"{subject}: {setting}" if setting else subject, "engine": "e", "fidelity": "contact",
+            "truth": scene, "parameter": "dt", "step": 1e-3, "status": status, "reason": "", "friction by": "engine",
+            "settings": json.dumps(settings), OWN_CPU: cpu, SUBJECT: subject if setting else None, SETTING: setting or None,
+            TEST: HELD, LOAD: load, CREEP: creep, UNSURE: unsure, "key": f"{subject}{setting}{load}"}
+
+
+def exudyn(power, noise=0.0):
+    rng, zones = np.random.default_rng(1), {DEFAULT: 1e-4, "friction_zone=0.001": 1e-3, "friction_zone=1e-05": 1e-5}
+    return pd.DataFrame([made_up("exudyn, contact", setting, load, load * zone ** power * np.exp(noise * rng.normal()),
+                                 friction_zone=zone) for setting, zone in zones.items() for load in (0.1, 0.5, 0.9)])
+
+
+@pytest.mark.parametrize(("power", "noise", "word"), [(1.0, 0.0, OBEYED), (0.5, 0.0, BROKEN), (1.0, 2.0, OPEN)])
+def test_a_law_is_obeyed_broken_or_open(power, noise, word):
+    laws = laws_table(exudyn(power, noise)).set_index("over")
+    assert laws.loc["friction_zone", "verdict"] == word
+    if not noise:
+        assert laws.loc["friction_zone", "exponent [-]"] == pytest.approx(power)
+        assert laws.loc["load", "verdict"] == OBEYED
+
+
+def test_creep_within_its_uncertainty_and_single_runs_decide_nothing():
+    runs = exudyn(1.0)
+    assert laws_table(runs.assign(**{UNSURE: 1.0})).empty
+    assert list(laws_table(runs[runs[SETTING] == DEFAULT])["verdict"]) == [OPEN, OBEYED]
+    assert verdict(Uncertain(1.19, 0.02), 1.0) == verdict(None, 1.0) == OPEN
+    assert verdict(Uncertain(1.25, 0.02), 1.0) == BROKEN and verdict(Uncertain(-0.9, 0.02), -1.0) == OBEYED
+
+
+def test_the_fastest_creep_counts_and_a_failed_run_is_not_held():
+    runs = pd.DataFrame([made_up("a", "", 0.5, 0.0), made_up("a", "", 0.9, -1e-5, 1e-7), made_up("a", "", 0.99, 1.0),
+                         made_up("b", "", 0.5, 2e-6, 3e-6), made_up("b", "", 0.9, 5e-10), made_up("c", "", 0.5, 0.0),
+                         made_up("c", "", 0.9, np.nan, status="crashed")])
+    found = methods_table(runs).set_index("variant")
+    assert (found.loc["a", CREEP], found.loc["a", LOAD]) == (1e-5, 0.9)
+    assert list(found[HOLDS]) == [False, True, False] and list(found["failed"]) == [0, 0, 1]
+    tables = {"hold": runs, "hold-methods": methods_table(runs)}
+    said = present(Results((), {}, tables))
+    assert said.answer.text == "Up to 90 % of the limit 1 of 3 methods hold; 1 creep, a at 1e-05 m/s."
+    assert "Runs that failed: c (1)." in [part.text for part in said.findings]
+
+
+def test_the_setting_that_helps_most_and_its_cost():
+    runs = pd.DataFrame([made_up("e, contact", setting, load, load * creep, cpu=cpu) for load in (0.5, 0.9)
+                         for setting, creep, cpu in ((DEFAULT, 1e-4, 1.0), ("a=1", 1e-5, 3.0), ("b=2", 5e-5, 1.0))])
+    settings = settings_table(runs)
+    assert list(settings[SLOWER]) == pytest.approx([1.0, 0.1, 0.5])
+    tables = {"hold": runs, "hold-methods": methods_table(pd.DataFrame([made_up("a", "", 0.9, 0.0)])), "hold-settings": settings}
+    said = present(Results((), {}, tables))
+    assert said.findings[1].text == "Least creep, and time over the default's: e, contact with a=1 (9e-06 m/s, 3)."
+    assert not wrong_numbers(said, Results((), {}, tables)) and [figure.name for figure in said.figures] == ["hold", "hold-settings"]
+
+
+@pytest.mark.parametrize("subject", load_data().subjects, ids=lambda subject: subject.label)
+def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(subject):
+    engine = installed(subject.engine)
+    scene = loaded(load_scene("hold-level"), HELD, 0.5, False)
+    default = engine.simulate(scene, t_end=0.01, dt=5e-3, fidelity=subject.fidelity, **subject.fixed).settings
+    for name, values in subject.choices.items():
+        assert name in default and default[name] not in values
+
+
+def test_a_row_has_the_command_that_runs_it_again(quick, in_this_process):
+    rows = quick.tables["hold"].to_dict("records")
+    for row in (rows[0], rows[-1]):
+        ended = CliRunner().invoke(app, shlex.split(again_held(row))[1:])
+        assert ended.exit_code == 0, ended.output
+    assert "--set part=0.9" in again_held(rows[0]) and again_held({**rows[0], "status": "crashed"}) is None
+
+
+def test_a_scene_without_the_parameters_is_refused():
+    with pytest.raises(InputError, match="pendulum: parameters: found no part, ramp, v0, limit, mu, mus; expected part"):
+        plan(Scope((load_scene("pendulum"),), Depth.QUICK, ()))
+
+
+def test_command(tmp_path, in_this_process):
+    file = tmp_path / "hold.csv"
+    ended = CliRunner().invoke(app, ["compare", "hold", "hold-incline", "--quick", "--engines", "reference", "--out", str(file)])
+    assert ended.exit_code == 0, ended.output
+    assert set(pd.read_csv(file)["scene"]) == {"hold-incline"} and "methods hold" in ended.output
+    ended = CliRunner().invoke(app, ["compare", "hold", "pendulum", "--quick"])
+    assert ended.exit_code == BAD_INPUT

@@ -19,6 +19,8 @@ import pandas as pd
 from stiction.engines.isolation import Task
 from stiction.engines.registry import load_engine
 
+PUBLISHED, CREEP, UNCERTAINTY, MATCHED = "published [um/s]", "creep [um/s]", "uncertainty [um/s]", "matched"
+
 
 def last_digit(published: float) -> float:
     """Return one unit of the last digit of a printed number that is not 0: of 1500 it is 100, of 1.4 it is 0.1."""
@@ -49,12 +51,12 @@ def published_creep() -> pd.DataFrame:
     for case in data["cases"]:
         published = case.get("published_um_s", np.nan)
         creep, uncertainty, load = _measured(model, **case["options"])
-        rows.append({"case": case["name"], "published [um/s]": published,
-                     "last digit [um/s]": last_digit(published) if published > 0 else np.nan, "creep [um/s]": creep,
-                     "uncertainty [um/s]": uncertainty, "ratio": creep / published, "load [N]": load,
+        rows.append({"case": case["name"], PUBLISHED: published,
+                     "last digit [um/s]": last_digit(published) if published > 0 else np.nan, CREEP: creep,
+                     UNCERTAINTY: uncertainty, "ratio": creep / published, "load [N]": load,
                      "published load [N]": case.get("published_N", np.nan),
                      "margin": model["friction"][0] * load / (model["capsule_mass"] * model["gravity"]),
-                     "matched": case.get("matched", False), "source": case["source"], "version": version})
+                     MATCHED: case.get("matched", False), "source": case["source"], "version": version})
     return pd.DataFrame(rows)
 
 

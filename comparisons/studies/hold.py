@@ -23,6 +23,8 @@ from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import REFERENCE, variants
 from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
 from stiction.comparisons.measures.power_law import fitted_exponent
+from stiction.comparisons.measures.published_creep import CREEP as OURS
+from stiction.comparisons.measures.published_creep import MATCHED, PUBLISHED, UNCERTAINTY, published_creep_task
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.methods import at_equal_step, called, rank, succeeded, with_columns
 from stiction.comparisons.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Number, Panel,
@@ -76,12 +78,12 @@ NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its s
          f"A method holds if it creeps no faster than {STILL:g} m/s or the uncertainty of its creep, the median slope "
          "from 0.1 s on with its interval.",
          f"A slider has let go at {LET_GO:g} m/s; the load at which the truth is as fast is subtracted.",
-         "The load is there from the start: a method that slips while it lands meets kinetic friction, which need not "
-         "hold the load that static friction would.",
          "At joint fidelity the bound of friction is the adapter's, but for Exudyn's bristles: what creeps or lets go "
-         "early there may be ours. At contact fidelity engine + adapter says that the adapter switches the contacts "
-         "between mu and mus.",
-         "Settings are tried with mus = mu. A setting's time is that of single runs beside others.")
+         "early there may be ours. The load is there from the start: where mus > mu, a method that slips as it lands "
+         "meets kinetic friction, which need not hold the load.",
+         "At contact fidelity and for settings mus = mu, so that friction is the engine's own: the adapter's switch "
+         "between two coefficients has no part.",
+         "A setting's time is that of single runs beside others.")
 
 
 @dataclass(frozen=True)
@@ -235,7 +237,8 @@ def tried(scope: Scope) -> Iterator[Variant]:
 def plan(scope: Scope) -> Comparison[Tables]:
     """Every method on every scene and load of the depth, or on the one scene that is given; in full settings, too.
 
-    Settings are tried with mus = mu and loads of at most `USUAL`.
+    Contacts have one coefficient, mus = mu: two would be the adapter's switch, not the engine's friction. Settings are
+    tried with loads of at most `USUAL`.
     """
     data = load_data()
     depth = data.depths[scope.depth]
@@ -244,7 +247,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
     held = [(HELD, load) for load in depth.loads]
     moved = [(RAMP, data.ramp["part"]), (STOP, data.stop["part"])] if depth.moved else []
     usual = [(test, load) for test, load in held if load <= USUAL]
-    ways = [(scene, variant, has_static_coefficient(variant), held + moved)
+    ways = [(scene, variant, variant.fidelity == "joint" and has_static_coefficient(variant), held + moved)
             for scene in scenes for variant in compared(scope)]
     ways += [(scene, variant, False, usual) for scene in (one or map(load_scene, depth.settings)) if depth.settings
              for variant in tried(scope)]
@@ -259,15 +262,20 @@ def plan(scope: Scope) -> Comparison[Tables]:
     tasks = [Task(trial.key, measured, (trial.variant.engine, trial.scene, trial.test, {
         trial.variant.parameter: trial.step, "fidelity": trial.variant.fidelity, **trial.variant.settings}))
         for trial in trials]
+    has_published = depth.moved and any(way[1].engine == "mujoco" for way in ways)
+    published = [published_creep_task()] if has_published else []
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
-        known = dict(zip(truths, outcomes))
+        known, runs = dict(zip(truths, outcomes)), outcomes[len(truths):len(truths) + len(trials)]
         table = pd.DataFrame([_row(trial, outcome, known.get(trial.truth))
-                              for trial, outcome in zip(trials, outcomes[len(truths):], strict=True)])
-        return Tables({"hold": table, "hold-methods": methods_table(table), "hold-laws": laws_table(table),
-                       "hold-settings": settings_table(table)})
+                              for trial, outcome in zip(trials, runs, strict=True)])
+        tables = {"hold": table, "hold-methods": methods_table(table), "hold-laws": laws_table(table),
+                  "hold-settings": settings_table(table)}
+        cases = [outcome.value for outcome in outcomes[len(truths) + len(trials):] if outcome.value is not None]
+        return Tables({**tables, **({"hold-published": cases[0]} if cases else {})})
 
-    return Comparison((*truths.values(), *tasks), tabulate, tuple({way[1].label: way[1] for way in ways}.values()))
+    return Comparison((*truths.values(), *tasks, *published), tabulate,
+                      tuple({way[1].label: way[1] for way in ways}.values()))
 
 
 def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]:
@@ -442,9 +450,11 @@ def present(results: Results) -> Presentation:
         traced("{}", _speed("hold-methods", methods, label)) for label, row in ranked.iterrows()})
     loads = sorted(table.loc[table[TEST] == HELD, LOAD].unique())
     figures = [_over_load(table, methods, loads), *([_over_cost(settings)] if len(settings) else [])]
-    findings = (_named(ranked, creeping), _best(settings), *_laws(laws), _failed(methods))
+    published = results.table("hold-published")
+    findings = (_named(ranked, creeping), _best(settings), *_laws(laws), _published(published), _failed(methods))
     return Presentation(answer, tuple(filter(None, findings)), (headline,),
-                        tuple(_tables(table, methods, settings, laws, loads)), tuple(figures), NOTES)
+                        (*_tables(table, methods, settings, laws, loads), *_published_table(published)),
+                        tuple(figures), NOTES)
 
 
 def _speed(name: str, table: pd.DataFrame, label: Any) -> Number:
@@ -506,6 +516,26 @@ def _exponent(laws: pd.DataFrame, label: int) -> TracedText:
 def _rounded(laws: pd.DataFrame) -> pd.DataFrame:
     """Laws with exponents to three digits at most."""
     return laws.assign(**{EXPONENT_UNSURE: laws[EXPONENT_UNSURE].astype(float).clip(lower=5e-3)})
+
+
+def _published(published: pd.DataFrame) -> TracedText:
+    """The farthest of our numbers from published ones, without those that chose the model."""
+    others = published[published[PUBLISHED].notna() & ~published[MATCHED].astype(bool)] if len(published) else published
+    if others.empty:
+        return TracedText()
+    farthest = int((others[OURS] / others[PUBLISHED] - 1).abs().idxmax())
+    return traced("MuJoCo's published creep of a capsule between pads: {} here where it is farthest, {} um/s there.",
+                  interval("hold-published", published, farthest, OURS, UNCERTAINTY),
+                  value("hold-published", published, farthest, PUBLISHED, "g"))
+
+
+def _published_table(published: pd.DataFrame) -> Iterator[TableView]:
+    if len(published):
+        yield view("hold-published", "Creep of a capsule between two pads in MuJoCo, as published in its issue 3328 "
+                   "and ours. Matched: what the model's listing leaves open was chosen to meet this number.", published,
+                   (Column("case"), Column(PUBLISHED, "published", "um/s", form="g"),
+                    Column(OURS, "ours", "um/s", UNCERTAINTY, interval=True), Column("margin", form=".3g"),
+                    Column(MATCHED), Column("source", brief=False)))
 
 
 def _failed(methods: pd.DataFrame) -> TracedText:

@@ -145,6 +145,8 @@ def two_sided_frame(run: Trajectory) -> pd.DataFrame:
 
     At an event of one independent part, the columns of others are interpolated between their own rows.
     """
+    if not run.events:
+        return run.to_frame()
     names = [name for name, values in run.columns.items() if np.isfinite(values).all()]
     sides = pd.DataFrame([{"t": event.time, **side} for event in run.events for side in (event.before, event.after)],
                          columns=["t", *run.columns])

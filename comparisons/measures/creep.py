@@ -23,6 +23,8 @@ AFTER = 0.05
 """Seconds after letting go over which the acceleration is taken."""
 INSTANTS = 300
 """At most, for a slope: it is the median over all pairs."""
+STEADY = 1.5
+"""Ratio of the speed at the end to the creep from which on it is no steady one: of constant acceleration it is 1.8."""
 LEVEL = 0.95
 """Level of the interval of a slope."""
 
@@ -34,7 +36,9 @@ class Slip:
     Attributes
     ----------
     creep : Uncertain
-        Mean slip velocity after the landing, m/s; 0 where the displacement does not exceed its rounding.
+        Steady slip velocity after the landing, m/s; 0 where the displacement does not exceed its rounding.
+    lets_go : bool
+        Whether the slider is fast at the end, and faster there than steady creep is.
     landing : float
         Displacement during the landing, m.
     let_go : float or None
@@ -44,6 +48,7 @@ class Slip:
     """
 
     creep: Uncertain
+    lets_go: bool
     landing: float
     let_go: float | None
     acceleration: float | None
@@ -55,7 +60,9 @@ def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, round
 
     The creep is the slope of Theil and Sen, the median of the slopes between all pairs of instants after the landing,
     which a few outliers do not change; its uncertainty half of the longer side of the interval of `LEVEL` (Sen 1968, J.
-    Am. Stat. Assoc. 63, 1379-1389), and the rounding. Under a load of this period the slope is of means over it.
+    Am. Stat. Assoc. 63, 1379-1389), and the rounding. Where the mean speed between the medians of the first and the
+    last tenth is farther off, as of a slider that lets go late or jumps, that is the creep, and the distance its
+    uncertainty. Under a load of this period the slope is of means over it.
 
     Parameters
     ----------
@@ -84,11 +91,20 @@ def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, round
         every = math.ceil(len(times) / INSTANTS)
         slope, _, low, high = theilslopes(place[::every], times[::every], LEVEL)
         creep = Uncertain(float(slope), max(float(high - slope), float(slope - low)) + floor)
+        tenth = math.ceil(len(times) / 10)
+        rest, tenths = place - slope * times, (slice(tenth), slice(-tenth, None))
+        (begins, first_rest), (ends, last_rest) = (
+            (float(np.median(times[part])), float(np.median(rest[part]))) for part in tenths)
+        mean = float(slope) + (last_rest - first_rest) / (ends - begins)
+        if abs(mean - creep.value) > creep.uncertainty:
+            creep = Uncertain(mean, abs(mean - creep.value))
+    at_end = float(np.median(np.abs(velocity[t >= 0.95 * t[-1]])))
+    lets_go = at_end > max(LET_GO, STEADY * abs(creep.value))
     let_go = _let_go(t[after], np.abs(velocity[after]))
     acceleration = None
     if let_go is not None and let_go + AFTER <= t[-1]:
         acceleration = (abs(float(np.interp(let_go + AFTER, t, velocity))) - LET_GO) / AFTER
-    return Slip(creep, first - float(displacement[0]), let_go, acceleration)
+    return Slip(creep, lets_go, first - float(displacement[0]), let_go, acceleration)
 
 
 def _let_go(t: np.ndarray, speed: np.ndarray) -> float | None:

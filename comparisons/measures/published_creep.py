@@ -43,9 +43,8 @@ def published_creep() -> pd.DataFrame:
     EngineMissing
         If MuJoCo is not installed.
     """
-    version = load_engine("mujoco").version
-    file = resources.files("stiction.comparisons") / "data" / "published_creep.toml"
-    data = tomllib.loads(file.read_text(encoding="utf-8"))
+    data = _data()
+    version = load_engine(data["engine"]).version
     model = data["model"] | data["matched"]
     rows = []
     for case in data["cases"]:
@@ -58,6 +57,16 @@ def published_creep() -> pd.DataFrame:
                      "margin": model["friction"][0] * load / (model["capsule_mass"] * model["gravity"]),
                      MATCHED: case.get("matched", False), "source": case["source"], "version": version})
     return pd.DataFrame(rows)
+
+
+def published_engine() -> str:
+    """Return the engine whose creep was published."""
+    return str(_data()["engine"])
+
+
+def _data() -> dict[str, Any]:
+    file = resources.files("stiction.comparisons") / "data" / "published_creep.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def published_creep_task() -> Task:

@@ -61,3 +61,18 @@ def test_a_slider_that_never_lets_go_and_one_that_had_never_been_held():
     assert reduced(T, 1.0 + 0 * T).let_go == pytest.approx(LANDING)
     late = reduced(0 * T, 1.0 * (T > 1.2 - AFTER / 2))
     assert late.let_go > 1.1 and late.acceleration is None
+
+
+@pytest.mark.parametrize("last", [0.05, 0.1, 0.2, 0.3])
+def test_a_slider_that_lets_go_late_is_neither_at_rest_nor_creeping(last):
+    """It falls freely in the last part of the window: its median slope is 0, its mean speed is not."""
+    since = np.maximum(T - T[-1] + last * 1.1, 0.0)
+    found = reduced(since ** 2 / 2, since)
+    assert found.lets_go and abs(found.creep.value) > 1e-6
+    steady = reduced(2e-3 * T, 2e-3 + 0 * T)
+    assert not steady.lets_go and steady.creep.value == pytest.approx(2e-3)
+
+
+def test_a_jump_is_no_rest():
+    found = reduced(5e-3 * (T > 0.7)).creep
+    assert abs(found.value) + found.uncertainty > 1e-3

@@ -60,9 +60,8 @@ def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, round
 
     The creep is the slope of Theil and Sen, the median of the slopes between all pairs of instants after the landing,
     which a few outliers do not change; its uncertainty half of the longer side of the interval of `LEVEL` (Sen 1968, J.
-    Am. Stat. Assoc. 63, 1379-1389), and the rounding. Where the mean speed between the medians of the first and the
-    last tenth is farther off, as of a slider that lets go late or jumps, that is the creep, and the distance its
-    uncertainty. Under a load of this period the slope is of means over it.
+    Am. Stat. Assoc. 63, 1379-1389), and the rounding. Where the mean speed in the second half, between medians of a
+    tenth, is farther off, as of a slider that lets go late, that is the creep, and the distance its uncertainty. Under a load of this period the slope is of means over it.
 
     Parameters
     ----------
@@ -92,7 +91,8 @@ def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, round
         slope, _, low, high = theilslopes(place[::every], times[::every], LEVEL)
         creep = Uncertain(float(slope), max(float(high - slope), float(slope - low)) + floor)
         tenth = math.ceil(len(times) / 10)
-        rest, tenths = place - slope * times, (slice(tenth), slice(-tenth, None))
+        half, rest = len(times) // 2, place - slope * times
+        tenths = slice(half, half + tenth), slice(-tenth, None)
         (begins, first_rest), (ends, last_rest) = (
             (float(np.median(times[part])), float(np.median(rest[part]))) for part in tenths)
         mean = float(slope) + (last_rest - first_rest) / (ends - begins)

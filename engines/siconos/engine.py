@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from stiction.engines.program.engine import ProgramEngine
-from stiction.engines.protocol import Capabilities
 from stiction.engines.registry import EngineMissing
 from stiction.engines.shared.declared_engine import Declared
+from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.scenes import InputError, Scene, Trajectory
 
@@ -29,12 +30,6 @@ class SiconosEngine(ProgramEngine):
     `iterations` of Gauss-Seidel; `block`, the solver of one contact in an iteration: nsgs, cpg, lemke or enum.
     """
 
-    name = "siconos"
-    capabilities = Capabilities(
-        fidelities=("contact",), static_coefficient={"contact": True},
-        friction_law={"contact": "Coulomb, set-valued, at each corner that touches (engine); between steps the "
-                                 "coefficient is mu or mus (adapter)"}, reactions="engine", order="1")
-
     def __init__(self) -> None:
         try:
             super().__init__(DECLARATION)
@@ -43,13 +38,13 @@ class SiconosEngine(ProgramEngine):
                                 "its family") from error
 
     def declare(self, declared: Declared) -> None:
-        self.declared = declared  # its capabilities are those above
+        super().declare(declared)
+        self.capabilities = replace(self.capabilities, reactions="engine")
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        settings_of(settings, {**self.declaration.settings, "block": BLOCKS}, self.name, fidelity)
         for name, value in settings.items():
-            if name == "block" and value not in BLOCKS:
-                raise InputError(f"block: found {value!r}; expected one of {', '.join(BLOCKS)}")
             if name in BOUNDS and not BOUNDS[name][0] <= value <= BOUNDS[name][1]:
                 raise InputError(f"{name}: found {value!r}; expected {BOUNDS[name][0]:g} .. {BOUNDS[name][1]:g}")
         refuse_off(scene)

@@ -79,7 +79,7 @@ class ProgramEngine(DeclaredEngine):
     def __init__(self, file: Path):
         self.file, self.declaration = file, read_declaration(file, Declaration)
         self.name, self.folder = self.declaration.name, file.parent / self.declaration.folder
-        self.declare(self.declaration.capabilities)
+        self.declared = self.declaration.capabilities
         if os.name != "posix":
             raise EngineMissing(f"{self.name}: programs run on Linux and macOS")
         if not self.folder.is_dir():

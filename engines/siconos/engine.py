@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from stiction.engines.program.engine import ProgramEngine
 from stiction.engines.registry import EngineMissing
-from stiction.engines.shared.declared_engine import Declared
 from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.scenes import InputError, Scene, Trajectory
@@ -30,16 +28,14 @@ class SiconosEngine(ProgramEngine):
     `iterations` of Gauss-Seidel; `block`, the solver of one contact in an iteration: nsgs, cpg, lemke or enum.
     """
 
+    name, reactions = "siconos", "engine"
+
     def __init__(self) -> None:
         try:
             super().__init__(DECLARATION)
         except EngineMissing as error:
             raise EngineMissing(f"{error}; apt-get install python3-siconos brings it where the system is Debian or of "
                                 "its family") from error
-
-    def declare(self, declared: Declared) -> None:
-        super().declare(declared)
-        self.capabilities = replace(self.capabilities, reactions="engine")
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:

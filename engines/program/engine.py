@@ -42,8 +42,7 @@ class _Event(Model):
 
 
 class _Report(Model):
-    """Second file of a program: events, counters, CPU seconds before the first step and then inside its solver, and why
-    it stopped early."""
+    """Second file of a program: events, counters, CPU seconds of set-up, then in its solver, why it stopped early."""
 
     events: tuple[_Event, ...] = ()
     counters: dict[str, int] = {}

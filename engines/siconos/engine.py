@@ -16,7 +16,7 @@ DECLARATION = Path(__file__).with_name("siconos.toml")
 BLOCKS = ("nsgs", "cpg", "lemke", "enum")
 BOUNDS = {"theta": (0.5, 1.0), "clearance": (1e-12, 1.0), "restitution": (0.0, 1.0), "tolerance": (1e-14, 1e-3),
           "iterations": (1, 10 ** 9)}
-"""Smallest and largest value of each setting that is a number."""
+"""Smallest and largest value of each setting that is a number, of its type."""
 
 
 class SiconosEngine(ProgramEngine):
@@ -39,7 +39,8 @@ class SiconosEngine(ProgramEngine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        settings_of(settings, {**self.declaration.settings, "block": BLOCKS}, self.name, fidelity)
+        settings_of(settings, {"block": BLOCKS, **{name: least for name, (least, _) in BOUNDS.items()}}, self.name,
+                    fidelity)
         for name, value in settings.items():
             if name in BOUNDS and not BOUNDS[name][0] <= value <= BOUNDS[name][1]:
                 raise InputError(f"{name}: found {value!r}; expected {BOUNDS[name][0]:g} .. {BOUNDS[name][1]:g}")

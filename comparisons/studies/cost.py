@@ -298,7 +298,7 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
                Column("order", uncertainty="order uncertainty", interval=True), Column("limit"),
                Column("set-up cpu [s]", "set-up", "ms", scale=MILLI),
                Column("compile cpu [s]", "compilation", "ms", scale=MILLI), Column("unsure", "timings unsure"),
-               Column(FRICTION_BY, "friction law by"), Column(EVENTS_BY), Column("why"))
+               Column(FRICTION_BY, "friction law supplied by"), Column(EVENTS_BY), Column("why"))
     caption = ("The smallest error of each refinement series (of several cases the worst), the order at its finest "
                "runs, and what limits it. Set-up: median; compilation: once a process, at most.")
     return view("cost-limits", caption, rows, columns, source="cost", in_report=False)

@@ -83,7 +83,7 @@ def timed(task: Task, outcome: Outcome, times: Mapping[str, Timing], budget_s: f
     """Replace a simulation by its `Timing`: without samples for a step beyond `budget_s` of its refinement series."""
     if outcome.status != "ok":
         return outcome
-    reason = f"not timed: the rounds of its ladder, up to this rung, take more than {budget_s:g} s"
+    reason = f"not timed: the rounds of its refinement series, up to this step, take more than {budget_s:g} s"
     untimed = Timing(outcome.value, reason=reason)
     engine, scene, arguments = task.args
     timing = times.get(computation(engine, scene, arguments, outcome.value), untimed)

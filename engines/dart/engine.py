@@ -37,7 +37,7 @@ _SETTINGS: Mapping[str, Defaults] = {
     "contact": {"iterations": 1000, "erp": 1.0, "shape": ("spheres", "box"),
                 "detector": ("ODE", "FCL", "Bullet", "DART")}}
 _AT_REST = 1e-9
-"""Of the largest rate of a joint: below, a slider in a mechanism that moves rests. What friction holds has 1e-14."""
+"""Part of the largest rate of a joint below which a slider rests while others move. What friction holds has 1e-14."""
 _MIXING = 1e-9
 """DART's constraint force mixing of joint friction (DART_CFM). A joint that it holds keeps this share of a rate: of
 what its friction alone would give it in a step."""
@@ -53,10 +53,10 @@ _MASS = 1e6
 """About that of all bodies together, in the unit that DART is given, a power of 2: its Gauss-Seidel takes any impulse
 below 1e-8 for converged (PGS_EPSILON)."""
 _NO_MOBILITY = 1e-9
-"""Of the inverse of all masses: below, a direction of a contact cannot be moved. Those out of the plane cannot, to
-rounding."""
+"""Part of the inverse of all masses below which a direction of a contact cannot be moved. Those out of the plane
+cannot, to rounding."""
 _RADIUS = 0.25
-"""Of the guide's width: radius of the spheres. Nothing depends on it while the slider is parallel to the guide."""
+"""Radius of the spheres, in widths of the guide. Nothing depends on it while the slider is parallel to the guide."""
 _DEPTH = 0.5
 """Half the depth of boxes out of the plane in metres; without influence, nothing turns that way."""
 

@@ -42,11 +42,11 @@ SETTINGS: Mapping[str, Any] = {"stiffness": 1e7, "dissipation": 100.0, "stiction
 _STICKS = 10
 """Stiction tolerances at which friction is half-way from static to kinetic, see `_coefficients`."""
 _BY_STEP = 1.3e-3
-"""Of the speed that static friction takes from a slider in a step: CENIC regularizes friction up to the stiction
+"""Part of the speed that static friction takes from a slider in a step: CENIC regularizes friction up to the stiction
 tolerance, or 2.65e-3 of what one contact takes, whichever is more, but goes over to kinetic friction by the first. Two
 contacts have a half each."""
 _GAIN = 1e8
-"""Of motors: inertias of their joint a second."""
+"""Gain of motors: inertias of their joint a second."""
 _TOUCHING, _LANDING = 16, 16
 """Attempts at a step in which boxes sink into their surfaces. First short ones: in the time of sqrt(m/k) a body that
 nothing holds yet falls as far as it will sink, so that no corner leaves the surface that it will press on. In each of
@@ -56,7 +56,7 @@ _LANDED = 0.01
 _ROUNDING = 1e-12
 """m or rad, of mechanisms within a metre of the origin: what a box may still move by that carries nothing."""
 _LEAST_MASS = 1e-9
-"""Of the lightest body: CENIC takes no links without mass."""
+"""Least mass, in masses of the lightest body: CENIC takes no links without mass."""
 
 
 def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,

@@ -40,14 +40,14 @@ _SETTINGS: Mapping[str, Defaults] = {
     "contact": {"approximation": ("lagged", "similar", "sap"), "near_rigid": 2.0, "dissipation": 0.0,
                 "stiction_tolerance": 1e-7}}
 _GAIN = 1e6
-"""Of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of its
-servos' constraint)."""
+"""Gain of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of
+its servos' constraint)."""
 _LEAST = 1e-12
 """N, N m: Drake takes no effort limit of zero."""
 _SLIPS = 0.999
-"""Of the bound: friction above it slips. Drake's is v/sqrt(v^2 + e^2) of it at speed v, with e the tolerance, or a
-thousandth of the speed that the bound takes from the slider in a step, whichever is more (`SapHuntCrossleyConstraint`):
-what sticks creeps with up to 22 e."""
+"""Part of the bound above which friction slips. Drake's is v/sqrt(v^2 + e^2) of it at speed v, with e the tolerance,
+or a thousandth of the speed that the bound takes from the slider in a step, whichever is more
+(`SapHuntCrossleyConstraint`): what sticks creeps with up to 22 e."""
 _MOST_GUIDES = 7
 """At contact fidelity: with the 15th half-space on the ground Drake 1.51 ends the process, in its tree of the boxes
 that bound shapes."""

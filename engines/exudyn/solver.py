@@ -20,7 +20,7 @@ INTEGRATORS = {"generalized-alpha": (False, False), "newmark": (True, False), "t
 """Exudyn's implicit methods: True for Newmark's (beta 1/4, gamma 1/2), and for constraints met by velocities (index
 2)."""
 OPEN = 1e-9
-"""Of a null vector of unit length: components above it are of reactions that redundant constraints leave open."""
+"""Component of a null vector of unit length: larger ones are of reactions that redundant constraints leave open."""
 
 
 class Solver:

@@ -25,8 +25,8 @@ FRICTION_TOLERANCE = 1e-8
 """Relative to the load N: largest change of friction in the last repetition; the error is smaller by the rate."""
 FRICTION_REPETITIONS = 50
 SHORTEST_STEP = 0.01
-"""Of dt: a remainder up to the grid that is shorter joins the next step. Index 3 divides rounding by the square of the
-step, so that much shorter ones would spoil the multipliers."""
+"""Part of dt: a remainder up to the grid that is shorter joins the next step. Index 3 divides rounding by the square of
+the step, so that much shorter ones would spoil the multipliers."""
 ROUNDING = 1e-12
 """m/s or N: a margin this far below zero is rounding."""
 TRANSIENT = 6

@@ -63,9 +63,9 @@ class FmuEngine(DeclaredEngine):
             found = ", ".join(sorted({name.split("/")[1] for name in binaries})) or "none"
             raise EngineMissing(f"{self.name}: found binaries for {found}; expected {library} in the FMU")
         self.solver = "" if self.interface == CO_SIMULATION else "CVode" if has_cvode() else "Euler"
-        self.declare(FmuDeclared.model_validate(
+        self.declared = FmuDeclared.model_validate(
             {**chosen.capabilities.model_dump(), "adaptive": chosen.capabilities.adaptive or self.solver == "CVode",
-             "locates_events": chosen.capabilities.locates_events and self.solver == "CVode"}))
+             "locates_events": chosen.capabilities.locates_events and self.solver == "CVode"})
 
     @property
     def version(self) -> str:

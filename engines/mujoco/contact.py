@@ -28,11 +28,11 @@ from stiction.scenes.model import Translational
 SIDES = {"lower": 1.0, "upper": -1.0}
 """The surfaces of a guide, and the side of them on which its slider is, across the guide's direction."""
 _CORNERS = {"lower": (0, 1), "upper": (2, 3)}
-"""Of `slider_box`, those that a surface can touch."""
+"""Corners of `slider_box` that a surface can touch."""
 _ROUNDING = 1e-3
-"""Of the slider's width: radius of a corner. Nothing depends on it while the slider is parallel to the guide."""
+"""Radius of a corner, in widths of the slider. Nothing depends on it while the slider is parallel to the guide."""
 _RECRUITED = 0.2
-"""Of what a contact's softness takes up of its normal force: most that slip may recruit of it."""
+"""Largest part that slip may recruit of the normal force that a contact's softness takes up."""
 
 
 @dataclass(frozen=True)

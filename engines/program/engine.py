@@ -42,11 +42,12 @@ class _Event(Model):
 
 
 class _Report(Model):
-    """Second file of a program: events, counters, CPU seconds before the first step, and why it stopped early."""
+    """Second file of a program: events, counters, CPU seconds of set-up, then in its solver, why it stopped early."""
 
     events: tuple[_Event, ...] = ()
     counters: dict[str, int] = {}
     setup_s: Annotated[float, Field(ge=0)] = 0.0
+    engine_s: Annotated[float, Field(ge=0)] | None = None
     termination: Annotated[str, Field(min_length=1)] = "end"
 
 
@@ -77,7 +78,7 @@ class ProgramEngine(DeclaredEngine):
     def __init__(self, file: Path):
         self.file, self.declaration = file, read_declaration(file, Declaration)
         self.name, self.folder = self.declaration.name, file.parent / self.declaration.folder
-        self.declare(self.declaration.capabilities)
+        self.declared = self.declaration.capabilities
         if os.name != "posix":
             raise EngineMissing(f"{self.name}: programs run on Linux and macOS")
         if not self.folder.is_dir():
@@ -117,9 +118,12 @@ class ProgramEngine(DeclaredEngine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         made = self.product(scene, t_end, dt, rtol, output_step, settings)
-        setup = min(made.report.setup_s, made.cpu_s)
+        report = made.report
+        setup = min(report.setup_s, made.cpu_s)
+        stepping = made.cpu_s - setup
+        engine_s = None if report.engine_s is None else min(report.engine_s, stepping)
         return self.trajectory(scene, made.table, lambda columns: self._events(made, columns, t_end), made.settings,
-                               Cost(setup, 0.0, made.cpu_s - setup, made.report.counters), made.report.termination)
+                               Cost(setup, 0.0, stepping, report.counters, engine_s), report.termination)
 
     def product(self, scene: Scene, t_end: float, dt: float | None, rtol: float | None, output_step: float,
                 settings: Mapping[str, Any]) -> Product:

@@ -40,10 +40,10 @@ MOST_GUIDES = 31
 """At contact fidelity sliders touch their own guides only: a bit of a filter each, of an int that
 `setCollisionFilterGroupMask` takes without its sign."""
 MOST_LINKS = 121
-"""Of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of them the base's; those of more
-links are dropped in silence."""
+"""Links of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of them the base's. Those of
+more links are silently dropped."""
 _FASTEST, _SLOWEST = _NO_LIMIT / 2, -_NO_LIMIT / 2
-"""Joint velocities between which PyBullet has surely not clamped, which it does in silence."""
+"""Joint velocities between which PyBullet has surely not clamped, which it does silently."""
 _DEPTH = 0.5
 """Half the depth of boxes out of the plane in metres; without influence, nothing turns that way."""
 _PLACE_GAIN, _RATE_GAIN = 0.1, 1.0

@@ -1,9 +1,9 @@
 """An engine's accelerations under an integrator of high order that locates events.
 
-It tells the error of an engine's equations of motion from that of its stepping. The engine gives accelerations in joint
-coordinates, which fulfil the constraints by themselves. The friction of the guides is decided here, from the reactions
-that belong to those accelerations; the integrator is SciPy's DOP853. In a contact mode friction is linear in the
-reactions and these in the friction; events are where an event function of
+It separates the error of an engine's equations of motion from that of its stepping. The engine gives accelerations in
+joint coordinates, which fulfil the constraints by themselves. The friction of the guides is decided here, from the
+reactions that belong to those accelerations; the integrator is SciPy's DOP853. In a contact mode friction is linear in
+the reactions and these in the friction; events are where an event function of
 `stiction.reference_impl.friction.frozen_mode` falls through zero between two of the instants at which it is sampled.
 """
 

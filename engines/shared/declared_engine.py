@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import StrictBool, StrictStr, ValidationError
@@ -43,13 +44,15 @@ class DeclaredEngine(Engine):
     """Base of engines with declared capabilities."""
 
     declared: Declared
+    reactions: ClassVar[str] = "momentum balance"
 
-    def declare(self, declared: Declared) -> None:
-        """Take over what a file declares."""
-        self.declared, fidelity = declared, declared.fidelity
-        self.capabilities = Capabilities(
+    @cached_property
+    def capabilities(self) -> Capabilities:  # type: ignore[override]
+        """Capabilities as the file declares them; it does not say where reactions come from."""
+        declared, fidelity = self.declared, self.declared.fidelity
+        return Capabilities(
             fidelities=(fidelity,), static_coefficient={fidelity: declared.static_coefficient},
-            friction_law={fidelity: declared.friction_law or "none"}, reactions="momentum balance",
+            friction_law={fidelity: declared.friction_law or "none"}, reactions=self.reactions,
             order=declared.order, adaptive=declared.adaptive)
 
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:

@@ -19,12 +19,12 @@ for several of it."""
 
 
 class EngineClock:
-    """Tells the engine's CPU time from its adapter's; runs from the start.
+    """CPU time of the engine's calls, without its adapter's; counted from the start.
 
     Attributes
     ----------
     calls : int
-        Of the engine, since the start.
+        Calls of the engine since the start.
     """
 
     def __init__(self) -> None:
@@ -40,21 +40,21 @@ class EngineClock:
         """Call a function of the engine; returns what it returns."""
         self.calls += 1
         self._since = perf_counter()
-        told = function(*arguments)
+        result = function(*arguments)
         now = perf_counter()
         self._inside += now - self._since
         if now > self._next_look:
             self._share_out(now)
-        return told
+        return result
 
     def call_back(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Call a function of the adapter from within a call of the engine; returns what it returns."""
         self._inside += perf_counter() - self._since
-        told = function(*arguments)
+        result = function(*arguments)
         self._since = now = perf_counter()
         if now > self._next_look:
             self._share_out(now)
-        return told
+        return result
 
     @property
     def engine_s(self) -> float:

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from stiction.engines.program.engine import ProgramEngine
-from stiction.engines.protocol import Capabilities
 from stiction.engines.registry import EngineMissing
-from stiction.engines.shared.declared_engine import Declared
+from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.scenes import InputError, Scene, Trajectory
 
@@ -17,7 +16,7 @@ DECLARATION = Path(__file__).with_name("siconos.toml")
 BLOCKS = ("nsgs", "cpg", "lemke", "enum")
 BOUNDS = {"theta": (0.5, 1.0), "clearance": (1e-12, 1.0), "restitution": (0.0, 1.0), "tolerance": (1e-14, 1e-3),
           "iterations": (1, 10 ** 9)}
-"""Smallest and largest value of each setting that is a number."""
+"""Smallest and largest value of each setting that is a number, of its type."""
 
 
 class SiconosEngine(ProgramEngine):
@@ -29,11 +28,7 @@ class SiconosEngine(ProgramEngine):
     `iterations` of Gauss-Seidel; `block`, the solver of one contact in an iteration: nsgs, cpg, lemke or enum.
     """
 
-    name = "siconos"
-    capabilities = Capabilities(
-        fidelities=("contact",), static_coefficient={"contact": True},
-        friction_law={"contact": "Coulomb, set-valued, at each corner that touches (engine); between steps the "
-                                 "coefficient is mu or mus (adapter)"}, reactions="engine", order="1")
+    name, reactions = "siconos", "engine"
 
     def __init__(self) -> None:
         try:
@@ -42,14 +37,11 @@ class SiconosEngine(ProgramEngine):
             raise EngineMissing(f"{error}; apt-get install python3-siconos brings it where the system is Debian or of "
                                 "its family") from error
 
-    def declare(self, declared: Declared) -> None:
-        self.declared = declared  # its capabilities are those above
-
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+        settings_of(settings, {"block": BLOCKS, **{name: least for name, (least, _) in BOUNDS.items()}}, self.name,
+                    fidelity)
         for name, value in settings.items():
-            if name == "block" and value not in BLOCKS:
-                raise InputError(f"block: found {value!r}; expected one of {', '.join(BLOCKS)}")
             if name in BOUNDS and not BOUNDS[name][0] <= value <= BOUNDS[name][1]:
                 raise InputError(f"{name}: found {value!r}; expected {BOUNDS[name][0]:g} .. {BOUNDS[name][1]:g}")
         refuse_off(scene)

@@ -29,7 +29,7 @@ Scene = dict[str, Any]
 Frames = dict[int | None, tuple[float, float, float, float, float]]
 """Position, cosine and sine of its angle, and angle of each body by its number; of the ground by None."""
 Function = Callable[[Frames, np.ndarray], float]
-"""Of the frames of all bodies a coordinate, whose derivatives go to a row."""
+"""A coordinate from the frames of all bodies; its derivatives go to the row."""
 ENDLESS = 1e30
 """Inertia of the clock: what a force does to its rate is below rounding."""
 STIFF = 1e4
@@ -176,7 +176,8 @@ class Mechanism:
         bodies, self.h = scene["bodies"], h
         place = {name: i for i, name in enumerate(bodies)}
         mass = [m for body in bodies.values() for m in (body["mass"], body["mass"], body["inertia"])]
-        self.n, self.unit = len(mass), max(body["mass"] for body in bodies.values())
+        self.n, self.engine_s = len(mass), 0.0
+        self.unit = max(body["mass"] for body in bodies.values())
         self.mass = np.array([*mass, ENDLESS * self.unit]) / self.unit
         self.weight = self.mass[:-1] * self.unit * np.tile((*scene["gravity"], 0.0), len(bodies))
         self.held: dict[str, tuple[Function, Law]] = {}  # by the columns of their forces
@@ -287,12 +288,12 @@ class Mechanism:
         self.applied /= self.theta  # what the kernel has of the step before counts 1 - theta, and is zero: see below
         # errors of the kernel are absolute in what is held, and relative to 1 + speed in contacts
         self.reals[self.precision] = small * (1 / (1 + speed) + 1e-3)
-        self.simulation.updateOutput()
+        self._call(self.simulation.updateOutput)
         for contact in self.contacts:
             contact.before[:] = contact.rate  # for restitution; the kernel has that by the matrix of the step before
-        self.simulation.updateIndexSets()
+        self._call(self.simulation.updateIndexSets)
         closed = [contact for contact in self.contacts if contact.y[0] + 0.5 * h * contact.rate[0] <= 0]
-        self.simulation.computeOneStep()
+        self._call(self.simulation.computeOneStep)
         impulses = self.L - r * (self.J @ self.v)
         off = self._residual(closed, impulses, v, F)
         if not off <= UNSOLVED * small:
@@ -306,8 +307,14 @@ class Mechanism:
         values = [*((self.v - v)[:n] / h).tolist(), *(value * self.unit / h for value in found.values()),
                   *self._modes(closed, small)]
         self.total[:] = 0.0
-        self.simulation.nextStep()
+        self._call(self.simulation.nextStep)
         return values
+
+    def _call(self, function: Callable[[], None]) -> None:
+        """Let the kernel work, and count its CPU time."""
+        started = time.process_time()
+        function()
+        self.engine_s += time.process_time() - started
 
     def _residual(self, closed: list[Contact], impulses: np.ndarray, v: np.ndarray, F: np.ndarray) -> float:
         """Largest error (m/s, rad/s) of balance, of what is held, and of the laws of closed contacts."""
@@ -365,7 +372,8 @@ def main(scene_file: str, result_file: str, report_file: str, dt: str, output_st
             if k % every == 0 or k == steps:
                 print(k * h, *state, *row, sep=",", file=file)
     with open(report_file, "w", encoding="utf-8") as file:
-        json.dump({"setup_s": setup, "counters": {"steps": steps + 1, "iterations": iterations}}, file)
+        json.dump({"setup_s": setup, "engine_s": mechanism.engine_s,
+                   "counters": {"steps": steps + 1, "iterations": iterations}}, file)
 
 
 if __name__ == "__main__":

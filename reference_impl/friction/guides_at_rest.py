@@ -64,15 +64,16 @@ def rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals) 
         return not _are_independent(m, w) and _rest_together(m, w, held, speed, v)
     found = False
     for c in range(len(m.cell)):
-        fill_cell_of(m, w, c)
         own_m = at(m.separate[c], m)
         guides = guides_of(m, own_m)
         own_held, count = np.zeros(len(guides), dtype=np.bool_), 0
         for i in range(len(guides)):
             own_held[i] = held[guides[i]]
             count += own_held[i]
-        if (count > 0 and not _are_independent(own_m, at(w.separate[c], w))
-                and _rest_together(own_m, w, own_held, speed, v)):
+        if count == 0:
+            continue
+        fill_cell_of(m, w, c)
+        if not _are_independent(own_m, at(w.separate[c], w)) and _rest_together(own_m, w, own_held, speed, v):
             found = True
             for i in range(len(guides)):
                 held[guides[i]] = own_held[i]
@@ -129,7 +130,6 @@ def leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness
             _leave_together(m, w, guide, direction, firmness, slip, stuck)
         return
     for c in range(len(m.cell)):
-        fill_cell_of(m, w, c)
         own_m = at(m.separate[c], m)
         guides = guides_of(m, own_m)
         own, own_slip, own_stuck, own_firmness = (
@@ -141,7 +141,10 @@ def leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness
         for i in range(len(guides)):
             own = i if guides[i] == guide else own
             own_stuck[i], own_firmness[i] = stuck[guides[i]], firmness[guides[i]]
-        if own >= 0 and not _are_independent(own_m, at(w.separate[c], w)):
+        if own < 0:
+            continue
+        fill_cell_of(m, w, c)
+        if not _are_independent(own_m, at(w.separate[c], w)):
             _leave_together(own_m, w, own, direction, own_firmness, own_slip, own_stuck)
             for i in range(len(guides)):
                 slip[guides[i]], stuck[guides[i]] = own_slip[i], own_stuck[i]

@@ -107,10 +107,18 @@ def test_it_conforms(engine):
 
 @pytest.mark.parametrize(("settings", "words"), [
     ({"theta": 0.4}, "theta: found 0.4; expected 0.5 .. 1"), ({"clearance": 0.0}, "clearance: found 0"),
-    ({"block": "newton"}, "block: found 'newton'; expected one of nsgs")])
-def test_settings_out_of_bounds(engine, settings, words):
+    ({"block": "newton"}, "block: found 'newton'; expected one of nsgs"),
+    ({"theta": "abc"}, "theta: found 'abc'; expected a number"),
+    ({"iterations": 2.5}, "iterations: found 2.5; expected a whole number")])
+def test_settings_that_it_cannot_have(engine, settings, words):
     with pytest.raises(InputError, match=words):
         engine(load_scene("pendulum"), t_end=0.1, dt=1e-2, **settings)
+
+
+def test_engine_time_is_that_of_the_kernel_s_calls(engine):
+    """The matrices are the script's: they are in the total time alone."""
+    cost = engine(load_scene("pendulum"), t_end=0.5, dt=1e-3).cost
+    assert 0 < cost.engine_s < cost.stepping_s
 
 
 def test_a_start_off_its_constraints_is_refused(engine):

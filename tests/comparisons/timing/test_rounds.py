@@ -202,7 +202,7 @@ def test_a_ladder_is_timed_as_far_as_its_budget_goes_and_the_rest_says_so():
     [timings] = make([comparison], isolated=isolated)
     assert timed_labels == ["cheap 0.0001", "cheap 1e-05", "cheap 1e-06", "dear 0.0001", "dear 1e-05"]
     assert [len(timing.samples) for timing in timings] == [1, 1, 1, 0, 1, 1, 0, 0]
-    assert timings[3].note == "not timed: the rounds of its ladder, up to this rung, take more than 0.7 s"
+    assert timings[3].note == "not timed: the rounds of its refinement series, up to this step, take more than 0.7 s"
     assert np.isnan(timings[3].trajectory.cost.stepping_s)
     assert timings[3].trajectory.t is RUN.t and np.isnan(timings[3].interval("own_s").value)
 

@@ -97,7 +97,15 @@ class TestResult:
     def test_cpu_time_of_a_program_counts(self, program):
         engine = load_engine(program("until = time.process_time() + 0.3\nwhile time.process_time() < until: pass\n" + GOOD))
         found, seconds = seconds_of(lambda: engine.simulate(BALL, output_step=0.1))
-        assert 0.3 <= found.cost.stepping_s <= seconds
+        assert 0.3 <= found.cost.own_s == found.cost.stepping_s <= seconds
+
+    @pytest.mark.parametrize("part", [0.01, 1e9])
+    def test_a_program_may_say_which_part_is_its_solver_s(self, part, program):
+        """At most all of it; the whole counts besides."""
+        words = ["{scene}", "{result}", "{dt}", "{output_step}", "{events}"]
+        text = f"{GOOD}\njson.dump({{'engine_s': {part}}}, open(others[0], 'w'))"
+        cost = simulate(program(text, command=[sys.executable, "flight.py", *words])).cost
+        assert cost.own_s == min(part, cost.stepping_s) and cost.stepping_s > 0.01
 
     def test_settings_environment_and_folder(self, program, tmp_path):
         (tmp_path / "place").mkdir()

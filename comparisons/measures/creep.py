@@ -25,6 +25,8 @@ INSTANTS = 300
 """At most, for a slope: it is the median over all pairs."""
 STEADY = 1.5
 """Ratio of the speed at the end to the creep from which on it is no steady one: of constant acceleration it is 1.8."""
+SURE = 5.0
+"""Standard deviations of medians beyond which a mean speed is another than the slope."""
 LEVEL = 0.95
 """Level of the interval of a slope."""
 
@@ -61,7 +63,8 @@ def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, round
     The creep is the slope of Theil and Sen, the median of the slopes between all pairs of instants after the landing,
     which a few outliers do not change; its uncertainty half of the longer side of the interval of `LEVEL` (Sen 1968, J.
     Am. Stat. Assoc. 63, 1379-1389), and the rounding. Where the mean speed in the second half, between medians of a
-    tenth, is farther off, as of a slider that lets go late, that is the creep, and the distance its uncertainty. Under a load of this period the slope is of means over it.
+    tenth, is farther off, as of a slider that lets go late, that is the creep, and the distance its uncertainty. Under
+    a load of this period the slope is of means over it.
 
     Parameters
     ----------
@@ -96,7 +99,9 @@ def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, round
         (begins, first_rest), (ends, last_rest) = (
             (float(np.median(times[part])), float(np.median(rest[part]))) for part in tenths)
         mean = float(slope) + (last_rest - first_rest) / (ends - begins)
-        if abs(mean - creep.value) > creep.uncertainty:
+        scatter = 1.4826 * float(np.median(np.abs(rest - np.median(rest))))  # standard deviation where it is normal
+        of_medians = 1.2533 * scatter * math.sqrt(2 / tenth) / (ends - begins)
+        if abs(mean - creep.value) > creep.uncertainty + SURE * of_medians:
             creep = Uncertain(mean, abs(mean - creep.value))
     at_end = float(np.median(np.abs(velocity[t >= 0.95 * t[-1]])))
     lets_go = at_end > max(LET_GO, STEADY * abs(creep.value))

@@ -88,10 +88,11 @@ def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, round
         place = first + (np.interp(starts + period, times, integral) - np.interp(starts, times, integral)) / period
         times = starts
     floor = rounding / float(times[-1] - times[0])
-    creep = Uncertain(0.0, floor)
+    creep, steady = Uncertain(0.0, floor), 0.0
     if np.ptp(place) > rounding:
         every = math.ceil(len(times) / INSTANTS)
         slope, _, low, high = theilslopes(place[::every], times[::every], LEVEL)
+        steady = abs(float(slope))
         creep = Uncertain(float(slope), max(float(high - slope), float(slope - low)) + floor)
         tenth = math.ceil(len(times) / 10)
         half, rest = len(times) // 2, place - slope * times
@@ -104,7 +105,7 @@ def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, round
         if abs(mean - creep.value) > creep.uncertainty + SURE * of_medians:
             creep = Uncertain(mean, abs(mean - creep.value))
     at_end = float(np.median(np.abs(velocity[t >= 0.95 * t[-1]])))
-    lets_go = at_end > max(LET_GO, STEADY * abs(creep.value))
+    lets_go = at_end > max(LET_GO, STEADY * steady)
     let_go = _let_go(t[after], np.abs(velocity[after]))
     acceleration = None
     if let_go is not None and let_go + AFTER <= t[-1]:

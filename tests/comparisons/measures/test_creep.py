@@ -63,7 +63,7 @@ def test_a_slider_that_never_lets_go_and_one_that_had_never_been_held():
     assert late.let_go > 1.1 and late.acceleration is None
 
 
-@pytest.mark.parametrize("last", [0.05, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("last", [0.05, 0.1, 0.2, 0.3, 0.5, 0.9])
 def test_a_slider_that_lets_go_late_is_neither_at_rest_nor_creeping(last):
     """It falls freely in the last part of the window: its median slope is 0, its mean speed is not."""
     since = np.maximum(T - T[-1] + last * 1.1, 0.0)

@@ -351,7 +351,8 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
     """A row per method at the step nearest to `COMMON_STEP`, on all scenes of the depth.
 
     `HOLDS`: every load of at most `USUAL` is held, within `STILL`; none where uncertainties leave it open. `CREEP`: the
-    fastest there, with its scene and load, and whether the slider lets go there. ``failed``: the runs that failed.
+    fastest there of those that exceed their uncertainty, with its scene and load, and whether the slider lets go.
+    ``failed``: the runs that failed.
     """
     own = with_columns(table, CREEP, UNSURE, LETS_GO)
     own = own[own[SUBJECT].isna() & own[TEST].eq(HELD) & ~own["status"].isin(UNMADE)]
@@ -365,11 +366,12 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
         row = {**runs.iloc[0][["variant", "engine", "fidelity", "truth"]], "failed": len(runs) - len(made)}
         if len(made):
             speed = made[CREEP].abs()
-            worst = made.loc[speed.idxmax()]
+            sure = speed[(speed > made[UNSURE]) | made[LETS_GO].eq(True)]
+            worst = made.loc[(sure if len(sure) else speed).idxmax()]
             moves = (speed > np.maximum(STILL, made[UNSURE])).any() or made[LETS_GO].eq(True).any()
             unsure = np.maximum(speed, made[UNSURE]) > STILL
             row |= {HOLDS: False if moves or len(made) < len(runs) else None if unsure.any() else True,
-                    LETS_GO: worst[LETS_GO], "scene": worst["scene"], LOAD: worst[LOAD], CREEP: float(speed.max()),
+                    LETS_GO: worst[LETS_GO], "scene": worst["scene"], LOAD: worst[LOAD], CREEP: abs(worst[CREEP]),
                     UNSURE: worst[UNSURE]}
         rows.append(row)
     return pd.DataFrame(rows, columns=["variant", "engine", "fidelity", "truth", "failed", HOLDS, LETS_GO, "scene",

@@ -231,10 +231,7 @@ def compared(scope: Scope) -> tuple[Variant, ...]:
 
 
 def tried(scope: Scope) -> Iterator[Variant]:
-    """The subjects with each of their settings, at the step nearest to `COMMON_STEP`.
-
-    They have one coefficient, so that their own friction is seen, and no adapter that switches between two.
-    """
+    """The subjects with each of their settings, at the step nearest to `COMMON_STEP`."""
     step = min(load_data().depths[scope.depth].steps, key=lambda step: rank("dt", step))
     for subject in load_data().subjects:
         if scope.engines is None or subject.engine in scope.engines:
@@ -244,8 +241,7 @@ def tried(scope: Scope) -> Iterator[Variant]:
 def plan(scope: Scope) -> Comparison[Tables]:
     """Every method on every scene and load of the depth, or on the one scene that is given; in full settings, too.
 
-    Contacts have one coefficient, mus = mu: two would be the adapter's switch, not the engine's friction. Settings are
-    tried with loads of at most `USUAL`.
+    Contacts have one coefficient, mus = mu, as most engines' own have. Settings are tried with loads of at most `USUAL`.
     """
     data = load_data()
     depth = data.depths[scope.depth]
@@ -271,8 +267,8 @@ def plan(scope: Scope) -> Comparison[Tables]:
     tasks = [Task(trial.key, measured, (trial.variant.engine, trial.scene, trial.test, {
         trial.variant.parameter: trial.step, "fidelity": trial.variant.fidelity, **trial.variant.settings}))
         for trial in trials]
-    published = [published_creep_task()] if depth.moved and not one and any(
-        way[1].engine == published_engine() for way in ways) else []
+    taking_part = {variant.engine for _, variant, _, _ in ways}
+    published = [published_creep_task()] if depth.moved and not one and published_engine() in taking_part else []
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
         known, runs = dict(zip(truths, outcomes)), outcomes[len(truths):len(truths) + len(trials)]

@@ -241,7 +241,7 @@ def tried(scope: Scope) -> Iterator[Variant]:
 def plan(scope: Scope) -> Comparison[Tables]:
     """Every method on every scene and load of the depth, or on the one scene that is given; in full settings, too.
 
-    Contacts have one coefficient, mus = mu, as most engines' own have. Settings are tried with loads of at most `USUAL`.
+    Contacts have one coefficient, mus = mu, as most engines' own have. Settings are tried with loads up to `USUAL`.
     """
     data = load_data()
     depth = data.depths[scope.depth]

@@ -163,11 +163,34 @@ class Stepper:
             speed = guide.slip_speed(q, v)
             guide.switch(0 if abs(speed) <= REST_SPEED else int(copysign(1, speed)), q)
         try:
+            self._start_with_drives(q, v)
             return self._restart(0.0, q, v)
         except Unsettled:
             nothing = np.full(self.solver.coordinates, nan), np.full(self.solver.constraints, nan)
             self.samples.append(Sample(0.0, q, v, *nothing, self._record()))
             raise
+
+    def _start_with_drives(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Let sliders go that start at rest and whose motion the constraints give, as at a dead centre of a crank.
+
+        Nothing is left there for friction to hold: their direction is that of their acceleration, without friction.
+        """
+        on_constraints = self._on_velocity_constraints(0.0, q, v)
+        jacobian = self.solver.jacobian()
+        bilateral = np.delete(jacobian, [guide.hold_row for guide in self.guides], axis=0)
+        rank = np.linalg.matrix_rank(bilateral)
+        given = [guide for guide in self.guides if guide.mode == 0
+                 and np.linalg.matrix_rank(np.vstack([bilateral, jacobian[guide.hold_row]])) == rank]
+        if not given:
+            return
+        for guide in given:
+            guide.switch(1, q)
+            guide.coefficient = 0.0
+        a, _ = self._start(0.0, q, on_constraints)
+        for guide in given:
+            guide.coefficient = guide.joint.kinetic_coefficient
+            acceleration = guide.slip_acceleration(q, on_constraints, a)
+            guide.switch(0 if abs(acceleration) * self.dt <= REST_SPEED else int(copysign(1, acceleration)), q)
 
     def _advance(self, t1: float, steps: int) -> None:
         """Steps from the present state to t1, or to the first switch, which is then done."""

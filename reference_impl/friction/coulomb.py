@@ -108,7 +108,7 @@ def equal_mobilization(R, T, friction, length, width):
     ndarray, shape (n,)
     """
     R, T, friction = (np.asarray(x, dtype=float) for x in (R, T, friction))
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # no candidate that is not finite is taken
         candidates = [friction / np.abs(R)]
         if length > 0.0:
             # kappa sigma (T - (b/2) kappa R) = friction a/2, sigma = +-1

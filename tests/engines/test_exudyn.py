@@ -347,6 +347,24 @@ def test_a_start_in_motion_settles_where_all_friction_would_not(engine):
     assert found.termination == "end" and np.abs(found["rod.angle"] - expected["rod.angle"]).max() < 1e-5
 
 
+def test_a_start_at_a_dead_centre(engine):
+    """The crank turns at a given rate, so that the slider rests for an instant alone: x = r cos wt + sqrt(l^2 - (r sin wt)^2)."""
+    r, rod, w = 0.15, 0.55, 3.0
+    subject = scene(
+        gravity=[0, -9.81],
+        bodies={"crank": body(r, 0, angular_velocity=w, velocity=[0, r * w]),
+                "slider": body(r + rod, 0), "rod": body(r + rod / 2, 0, velocity=[0, r * w / 2], angular_velocity=-w * r / rod)},
+        joints={"a": {"type": "revolute", "bodies": ["ground", "crank"], "points": [[0, 0], [-r, 0]]},
+                "b": {"type": "revolute", "bodies": ["crank", "rod"], "points": [[0, 0], [-rod / 2, 0]]},
+                "c": {"type": "revolute", "bodies": ["rod", "slider"], "points": [[rod / 2, 0], [0, 0]]},
+                "guide": {"type": "translational", "slider": "slider", "length": 0.2, "mu": 0.2, "mus": 0.3}},
+        drives={"motor": {"type": "angle", "bodies": ["crank", "ground"], "law": {"type": "linear", "rate": w}}})
+    run = engine.simulate(subject, t_end=2.5, dt=1e-3)
+    np.testing.assert_allclose(run["slider.x"], r * np.cos(w * run.t) + np.sqrt(rod**2 - (r * np.sin(w * run.t)) ** 2), atol=1e-5)
+    assert [event.kind for event in run.events] == ["reversal", "reversal"]
+    np.testing.assert_allclose([event.time for event in run.events], np.pi / w * np.arange(1, 3), atol=1e-5)
+
+
 def test_a_slider_turns_while_another_sticks(engine):
     """On a shaken carriage: the switch is located by the speeds that the motion goes on with, so that it is one switch, and the steps go on."""
     amplitude, frequency = 0.1, 6.0

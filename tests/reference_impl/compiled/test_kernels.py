@@ -186,7 +186,7 @@ class TestLinked:
     def test_bound_to_its_bundle_it_takes_numbers_alone(self):
         halve = bound(halved, pair(factor=8.0))
         assert halve(0.25) == 4.0 and halve(9) == 9.0
-        with pytest.raises(TypeError, match="float"):
+        with pytest.raises(TypeError):
             halve(None)
         with pytest.raises(TypeError, match="halved: found Owner; expected a bundle .*Pair"):
             bound(halved, Owner(pair=pair(), share=0.25))

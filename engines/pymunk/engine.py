@@ -34,7 +34,7 @@ from stiction.engines.shared.friction_bound import CoefficientSwitch, FrictionBo
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.step_kernels import (SpaceContacts, SpaceStep, begin_space, finish_space,
                                                   finish_space_contacts)
-from stiction.reference_impl.compiled.kernel import link_kernels
+from stiction.reference_impl.compiled.kernel import bound
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
@@ -178,7 +178,6 @@ class _PymunkStepper(Stepper):
             follow(shift)
 
     def compile(self) -> None:
-        link_kernels(finish_space)
         start, data = self.bound.balance.initial, self._state.data
         if self._scene.frictional_guides:
             *between, guides = between_steps(self._scene, self._h, self._bias)
@@ -190,13 +189,13 @@ class _PymunkStepper(Stepper):
         """Begin the first step, at these coordinates and velocities."""
         self._state.restart(q, v)
         begin_space(self._state.data, self._h)
+        self._finish = bound(finish_space, self._state.data)
 
     def step(self) -> None:
         self._k += 1
         for target in self._targets:  # the position that follows the step
             target(self._k * self._h + self._h)
-        state = self._state
-        self.bound.step(self.advance, finish_space, state.data, (self._k + 1) * self._h, state.retreat)
+        self.bound.step(self.advance, self._finish, (self._k + 1) * self._h, self._state.retreat)
 
     def sample(self) -> Sample:
         data = self._state.data
@@ -352,7 +351,7 @@ class _ContactStepper(_PymunkStepper):
 
     def compile(self) -> None:
         super().compile()
-        link_kernels(finish_space_contacts)
+        self._finish_contacts = bound(finish_space_contacts, self._contacts)
         self.friction.begin()
 
     def step(self) -> None:
@@ -362,7 +361,7 @@ class _ContactStepper(_PymunkStepper):
         if self._boxes:
             self._arbiters.clear()
             self._get_arbiters(self._space, self._arbiter_fields, self._arbiters)
-            finish_space_contacts(self._contacts)
+            self._finish_contacts()
 
 
 def _buffer(reals: int, names: int = 0) -> tuple[Buffer, np.ndarray, np.ndarray]:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import nan
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.engines.shared.step_kernels import GUIDE, Attempts, Cap, Contacts, begin_contacts, finish_contacts
-from stiction.reference_impl.compiled.bundle import Bundle
 from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.scenes import Scene
 
@@ -92,16 +90,16 @@ class FrictionBound(GuideFriction):
         self.data = Cap(balance=self.balance.data, guides=self._guides, passes=passes, caps=caps, held=self.held,
                         attempts=np.array((0, _FIRST_STEPS), dtype=Attempts.structure()))
 
-    def step(self, advance: Callable[[list[float]], None], finish: Callable[[Any, float], bool], data: Bundle, t: float,
+    def step(self, advance: Callable[[list[float]], None], finish: Callable[[float], bool], t: float,
              retreat: Callable[[], None]) -> None:
         """Have the engine make a step, whose passes are repeated until bound and reactions agree.
 
-        `advance` makes a pass with these caps (N), `retreat` returns to the beginning. The kernel `finish` judges a
-        pass by its `data`: False where it is accepted, and the next step has begun, of the time t (s).
+        `advance` makes a pass with these caps (N), `retreat` returns to the beginning. `finish` judges a pass: False
+        where it is accepted, and the next step has begun, of the time t (s).
         """
         while True:
             advance(self._caps())
-            if not finish(data, t):
+            if not finish(t):
                 return
             retreat()
 

@@ -19,7 +19,7 @@ from stiction.engines.shared.fixed_step import Sample, Stepper
 from stiction.engines.shared.friction_bound import ContactFriction, FrictionBound, GuideFriction
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.step_kernels import JointStep, begin_joints, finish_joints, motion
-from stiction.reference_impl.compiled.kernel import link_kernels
+from stiction.reference_impl.compiled.kernel import bound, link_kernels
 from stiction.scenes import Scene
 from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
 from stiction.scenes.model import Drive, Translational
@@ -181,20 +181,21 @@ class TreeStepper(Stepper):
     def compile(self) -> None:
         for link, sign, law, _ in self._motors:
             self.drive_rate(link, sign * evaluate_law(law, 0.0)[1])
-        link_kernels(begin_joints, motion, finish_joints)
+        link_kernels(motion)
         self.begin()
         self.friction.begin()
 
     def begin(self) -> None:
         """Begin the first step, from `position` and `velocity`."""
         begin_joints(self._data, 0.0)
+        self._finish = bound(finish_joints, self._data)
 
     def step(self) -> None:
         for link, sign, law, offset in self._followed:  # so that the step ends on the law
             end = sign * evaluate_law(law, self._k * self.h + self.h)[0] + offset
             self.drive_rate(link, (end - self.position[link]) / self.h)
         self._k += 1
-        self._bound.step(self.advance, finish_joints, self._data, self._k * self.h, self._retreat)
+        self._bound.step(self.advance, self._finish, self._k * self.h, self._retreat)
 
     def sample(self) -> Sample:
         """Return the sample at the beginning of the last step."""

@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cached_property, partial, update_wrapper
-from typing import Any, TypeVar, get_type_hints, overload
+from typing import Any, TypeVar, cast, get_type_hints, overload
 
 import llvmlite.binding
 import numpy as np
@@ -26,7 +26,7 @@ from llvmlite import ir
 from numba import TypingError, njit, types
 from numba.extending import lower_builtin, models, register_model, type_callable
 
-from stiction.reference_impl.compiled.bundle import numba_type
+from stiction.reference_impl.compiled.bundle import Bundle, numba_type
 from stiction.reference_impl.compiled.kernel_cache import files_of, kept, repeat_if_damaged
 
 _log = logging.getLogger("stiction")
@@ -119,7 +119,7 @@ class Linked:
     def __init__(self, function: Callable, options: dict[str, Any]):
         update_wrapper(self, function)
         self._options = options
-        self._slot, self.is_linked, self._count = np.zeros(1, dtype=np.int64), False, 0
+        self._slot, self.is_linked = np.zeros(1, dtype=np.int64), False
         self.name = f"{self.__module__}.{self.__qualname__}"
         _linked[self._slot.ctypes.data] = self
         llvmlite.binding.add_symbol(self.name, self._slot.ctypes.data)
@@ -127,9 +127,8 @@ class Linked:
         lower_builtin(self, types.VarArg(types.Any))(self._lower_call)
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        if not self.is_linked:  # a step of an adapter is a few microseconds, of which this is to be none
-            self.link()
-        if named or len(arguments) < self._count:
+        self.link()
+        if named or len(arguments) < len(self._types[0]):
             bound = self._signature.bind(*arguments, **named)
             bound.apply_defaults()
             arguments = bound.args
@@ -159,7 +158,7 @@ class Linked:
             raise TypeError(f"{self.name}: found {found} returned; expected {returned}, as annotated")
         self._kernel.disable_compile()
         self._slot[0] = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
-        self.is_linked, self._count = True, len(arguments)
+        self.is_linked = True
         _spent[0] += time.process_time() - started
 
     @cached_property
@@ -231,6 +230,25 @@ def compiling_seconds() -> float:
 def clock() -> float:
     """CPU seconds of this process, but for those in which kernels were compiled or loaded."""
     return time.process_time() - compiling_seconds()
+
+
+def bound(kernel: Callable, bundle: Bundle) -> Callable[..., Any]:
+    """Return a linked kernel with its bundle given, whose other arguments are numbers.
+
+    For steps of a few microseconds: numba takes one to look at the types of the arguments of a call. Here the bundle's
+    is looked at once, and the numbers are converted.
+
+    Raises
+    ------
+    TypeError
+        If the kernel takes another bundle.
+    """
+    linked = cast(Linked, kernel)
+    linked.link()
+    arguments, _ = linked._types
+    if bundle._numba_type_ != arguments[0]:
+        raise TypeError(f"{linked.name}: found {type(bundle).__name__}; expected a bundle {arguments[0]}")
+    return partial(linked._kernel.overloads[arguments].entry_point, bundle)
 
 
 def link_kernels(*kernels: Callable) -> None:

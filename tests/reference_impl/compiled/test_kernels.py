@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, Reals, Table, at
-from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.kernel import bound, kernel
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import FRICTION, Mechanism
 from stiction.scenes import load_scene
@@ -182,6 +182,14 @@ class TestLinked:
     def test_an_argument_of_another_type_is_refused(self):
         with pytest.raises(TypeError):
             halved(workspace(Mechanism(load_scene("pendulum")).arrays))
+
+    def test_bound_to_its_bundle_it_takes_numbers_alone(self):
+        halve = bound(halved, pair(factor=8.0))
+        assert halve(0.25) == 4.0 and halve(9) == 9.0
+        with pytest.raises(TypeError):
+            halve(None)
+        with pytest.raises(TypeError, match="halved: found Owner; expected a bundle .*Pair"):
+            bound(halved, Owner(pair=pair(), share=0.25))
 
     def test_what_does_not_return_what_it_says_is_an_error_at_the_call(self, capfd):
         with pytest.raises(TypeError, match="float64 returned; expected int64, as annotated"):

@@ -84,6 +84,11 @@ def listed(parts: Sequence[Part], separator: str = ", ", last: str = " and ") ->
     return traced(separator.join("{}" for _ in first) + (last if first else "") + "{}", *first, end)
 
 
+def joined(*sentences: TracedText) -> TracedText:
+    """Sentences behind each other; empty ones are left out."""
+    return listed(list(filter(None, sentences)), " ", " ")
+
+
 def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "", unsure: str = "") -> Number:
     """Return the cell of a row, an error or a jump by its size, with its uncertainty where the table has one.
 

@@ -35,9 +35,8 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
     def tables(found: list[Any]) -> Tables:
         motion, drift, *open_choices = found
-        about_drift = pd.DataFrame(drift_claims(drift.tables["study"],
-                                                scope.scenes[0].name)).assign(status="ok", reason="")
-        claims = pd.concat([motion, about_drift], ignore_index=True)
+        about_drift = pd.DataFrame(drift_claims(drift.tables["study"], scope.scenes[0].name))
+        claims = pd.concat([motion, about_drift.assign(status="ok", reason="")], ignore_index=True)
         return Tables({"claims": claims, **dict(zip(["sensitivity"], open_choices))})
 
     return side_by_side(parts, tables)
@@ -71,8 +70,8 @@ def present(results: Results) -> Presentation:
         every = [Column(str(name)) for name in choices if name not in ("status", "reason")]
         tables.append(view("sensitivity", "What the paper leaves open, decided otherwise: the truth's numbers, and "
                            "statements whose verdict changes.", choices, every, in_report=False))
-    return Presentation(answer, tuple(findings), (), tuple(tables), (),
-                        ("A margin is how far a statement is from failing; negative where it fails.",))
+    return Presentation(answer, findings, tables=tables,
+                        notes=["A margin is how far a statement is from failing; negative where it fails."])
 
 
 STUDY = Study("claims", "The paper", "Does what the paper says hold?", 9, present, plan, stick_threshold.STUDY.requires,

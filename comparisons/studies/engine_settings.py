@@ -24,7 +24,7 @@ from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.measures.drift import rounding_over
 from stiction.comparisons.methods import case_of, succeeded, with_columns
 from stiction.comparisons.presentation import (BETTER, CHOSEN, OTHER, Axis, Chart, Column, Panel, Presentation, Series,
-                                               TableView, TracedText, count, listed, sentence, traced, view)
+                                               TracedText, count, listed, sentence, traced, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import HIGH, LOW, Timed, work_precision
@@ -156,7 +156,7 @@ def _no_larger(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _smaller(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Test if one of the errors is smaller; where nothing moves, they may be 0."""
+    """True where one of the errors is smaller; where nothing moves, they may be 0."""
     return np.any((MORE * errors <= others) & (errors < others), axis=0)
 
 
@@ -291,12 +291,6 @@ def present(results: Results) -> Presentation:
     where = "on every scene" if table["scene"].nunique() > 1 else f"in {case_of(table['scene'].iloc[0])}"
     finding = (sentence("Better than the default {}: {}.", where, listed(better, "; ", "; "))
                or traced("No other choice is better than its default {}.", where))
-    figures = (_figure(choices, where),) if len(choices) else ()
-    return Presentation(answer, (finding,), (), _tables(table, ranks, choices), figures, NOTES)
-
-
-def _tables(table: pd.DataFrame, ranks: pd.DataFrame, choices: pd.DataFrame) -> tuple[TableView, TableView]:
-    """A row for each method of an engine; a row for each choice, in units of the default."""
     ranks["where"] = ranks["scene"].map(case_of, na_action="ignore")
     columns = (Column(SUBJECT, "engine"), Column(ON_FRONT, "default on the front"), Column(EVERYWHERE),
                Column(FACTOR, "largest gain in time", form=".2g"), Column("choice", "by"), Column("where", "in"),
@@ -309,9 +303,10 @@ def _tables(table: pd.DataFrame, ranks: pd.DataFrame, choices: pd.DataFrame) -> 
              Column(ERROR_RATIO, "largest error, of the default's", form=".2g"), Column(FAILED))
     by_choice = [(row, table[(table[SUBJECT] == row[SUBJECT]) & (table[SETTING] == row[SETTING])])
                  for row in choices.to_dict("records")]
-    return (view("settings", caption, by_method, columns),
-            view("settings-all", "Every choice in units of its default: geometric mean of times over all scenes and "
-                                 "steps, largest error.", by_choice, every, source="settings", in_report=False))
+    tables = [view("settings", caption, by_method, columns),
+              view("settings-all", "Every choice in units of its default: geometric mean of times over all scenes and "
+                   "steps, largest error.", by_choice, every, source="settings", in_report=False)]
+    return Presentation(answer, [finding], (), tables, [_figure(choices, where)], NOTES)
 
 
 def _figure(choices: pd.DataFrame, where: str) -> Chart:

@@ -20,8 +20,7 @@ import pandas as pd
 from stiction.comparisons.campaigns.comparison import Comparison, make
 from stiction.comparisons.complementarity.problems import Problem
 from stiction.comparisons.depth import Depth
-from stiction.comparisons.presentation.charts import Chart, Figure
-from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.presentation import Chart, Presentation
 from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import Record
@@ -120,13 +119,11 @@ class Study:
     takes: frozenset[str] = frozenset({"engines", "t_end"})
 
     def presented(self, results: Results) -> Presentation:
-        """Return what the tables say, without charts that have no point."""
+        """Return what the tables say, without empty findings and without charts that have no point."""
         said = self.present(results)
-        return replace(said, figures=tuple(figure for figure in said.figures if _has_points(figure)))
-
-
-def _has_points(figure: Figure) -> bool:
-    return not isinstance(figure, Chart) or any(len(one.x) for panel in figure.panels for one in panel.series)
+        figures = [figure for figure in said.figures if not isinstance(figure, Chart)
+                   or any(len(series.x) for panel in figure.panels for series in panel.series)]
+        return replace(said, findings=list(filter(None, said.findings)), figures=figures)
 
 
 @cache

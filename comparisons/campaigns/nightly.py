@@ -68,7 +68,7 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
     Parameters
     ----------
     folder
-        Of the history, made if it is not there.
+        Holds the history; made if it is not there.
     publish
         Called with the result before the night counts as finished: if it is cut off in there, the next call resumes.
     isolated

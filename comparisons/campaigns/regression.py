@@ -68,8 +68,8 @@ _MORE_IS_BETTER = ("events matched",)
 class Finding:
     """Something that is not as the baseline has it.
 
-    `severity` is one of `SEVERITIES`; `kind` is that of the number, or ``status``, where `metric` is empty. `before` is
-    of the baseline or the history, `now` of this run; None where there is none. `ratio` is that of the larger to the
+    `severity` is one of `SEVERITIES`; `kind` is that of the number, or ``status``, where `metric` is empty. The baseline
+    or the history had `before`, this run has `now`; None where there is none. `ratio` is that of the larger to the
     smaller size, infinite where that means nothing. `reason` says why this is not noise.
     """
 
@@ -100,15 +100,22 @@ def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], ti
     kinds
         Kinds of numbers that were measured.
     times
-        By key of the run; the time of any other is not reported.
+        Those that are reported, by key of the run.
     conditions
         Under which the rows were made, see `environment.conditions`.
     turns
-        By key of the run, see `older_code.times_in_turns`.
+        The yield of `older_code.times_in_turns`.
     """
     drawn, compared = ([row for row in rows if (row.variant == RANDOM) == random] for random in (True, False))
-    found = [_of_draw(row) for row in drawn if row.status != "ok"]
-    found += [finding for row in compared for finding in _of_row(row, baseline, kinds, times, conditions)]
+    found = [Finding(REGRESSION if row.status == WRONG else COULD_NOT_RUN, RANDOM, row.key, "", None, row.status,
+                     math.inf, f"{row.identity}: {row.reason}") for row in drawn if row.status != "ok"]
+    for row in compared:
+        expected = baseline.expected(row)
+        if finding := _of_status(row, expected, baseline):
+            found.append(finding)
+        elif expected is not None:
+            found += _of_truths(row, expected)
+            found += _of_numbers(row, expected, kinds, times.get(row.key), expected.conditions == conditions)
     found += _of_turns(compared, turns)
     return sorted(found, key=lambda f: (SEVERITIES.index(f.severity), _RANKS.index(f.kind), -f.ratio, f.key, f.metric))
 
@@ -124,22 +131,6 @@ def compared(rows: Iterable[Row], baseline: Baseline) -> int:
     """Count the runs that were made and have an entry in the baseline; truths are no runs, and draws have none."""
     return sum(row.variant not in (RANDOM, TRUTH) and row.outcome in _STATUSES and baseline.expected(row) is not None
                for row in rows)
-
-
-def _of_draw(row: Row) -> Finding:
-    """Return the finding of a random scene that is silently wrong, or on which run and truth do not stop alike."""
-    severity = REGRESSION if row.status == WRONG else COULD_NOT_RUN
-    return Finding(severity, RANDOM, row.key, "", None, row.status, math.inf, f"{row.identity}: {row.reason}")
-
-
-def _of_row(row: Row, baseline: Baseline, kinds: Collection[str], times: Mapping[str, Times],
-            conditions: str) -> Iterator[Finding]:
-    expected = baseline.expected(row)
-    if finding := _of_status(row, expected, baseline):
-        yield finding
-    elif expected is not None:
-        yield from _of_truths(row, expected)
-        yield from _of_numbers(row, expected, kinds, times.get(row.key), expected.conditions == conditions)
 
 
 def _of_status(row: Row, expected: Expected | None, baseline: Baseline) -> Finding | None:

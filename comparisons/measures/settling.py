@@ -94,7 +94,7 @@ def settled(x: np.ndarray, distance: float = SETTLED, floor: float = SETTLED,
     distance, floor : float
         From the limit, below which they have; and the change that the contraction is measured above.
     orders : iterable of int
-        Of subharmonics, that are looked for.
+        Orders of the subharmonics that are looked for.
     size : float, optional
         Unit of both; the range of x if not given.
     """

@@ -24,16 +24,16 @@ class Number:
     text : str
         With its uncertainty, or with its interval in brackets.
     table, column : str
-        Of ``data/TABLE.csv``; no column for a count.
+        The table is ``data/TABLE.csv``; a count has no column.
     how : {"value", "count", "ratio", "name"}
         The cell of each of the rows; the number of rows with the values `where`; the cell of the first row over that
         of the second; the name in the cell.
     rows : tuple of int
         From 1, the heading not counted; none for a count.
     where : Mapping
-        Of a count: by column the values of the rows that are counted, a set where there are several.
+        The values of the rows that are counted, by column; a set where there are several.
     factor : float
-        What the cell is multiplied by: 1000 for a time in ms.
+        Multiplies the cell: 1000 for a time in ms.
     """
 
     text: str

@@ -71,7 +71,7 @@ def observed_order(step: Sequence[float], error: Sequence[float], uncertainty: S
     step, error : sequences of float
         From coarse to fine.
     uncertainty : sequence of float
-        Of the truth, in the unit of the error; runs with an error below `FLOOR` times it are left out.
+        The truth's, in the unit of the error; runs with an error below `FLOOR` times it are left out.
     """
     h, e, u = (np.asarray(values, dtype=float) for values in (step, error, uncertainty))
     good = np.isfinite(e) & (e > FLOOR * u) & (e > 0)

@@ -45,7 +45,7 @@ TIME_RATIO_ENDS = f"{TIME_RATIO}, least", f"{TIME_RATIO}, most"
 MORE = 1.01
 """Ratio from which one error counts as larger than another: a solver that has converged leaves less."""
 ENDS = 0.5, 200.0
-"""Of the axis of errors in units of the default's: what lies beyond stands at the edge."""
+"""Ends of the axis of errors in units of the default's: what lies beyond stands at the edge."""
 NOTES = ("One setting is changed at a time. The default is on the front where no other choice is clearly faster with "
          "no larger error of position or torque and no more drift, or clearly more accurate and no slower.",
          "Times are those inside the engine's own calls. A default is one for all mechanisms: "
@@ -59,7 +59,7 @@ class Subject:
     Attributes
     ----------
     choices : Mapping[str, Sequence]
-        By setting the values that are tried; the others stay at their defaults.
+        Values that are tried, by setting; the others stay at their defaults.
     fixed : Mapping[str, Any]
         Settings that make the method, such as the engine's own friction instead of the adapter's.
     """

@@ -76,7 +76,7 @@ SMALLEST = "smallest error"
 COLUMNS = ("scene", "truth", "fidelity", "variant", "engine", "quantity", "error", "unit", OWN_CPU, LOW, HIGH,
            TOTAL, TOTAL_LOW, TOTAL_HIGH, LEVEL, TIMING, "at most", SMALLEST, "because", "why", "order [-]",
            "order uncertainty [-]")
-"""Of `equal_error`."""
+"""Columns of `equal_error`."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ def limit_of(series: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFra
     series
         Rows of one variant as `work_precision` makes them, of one scene or of several, from coarse to fine.
     accelerations
-        Those of `accelerations_of`.
+        The yield of `accelerations_of`.
     """
     rows = series[succeeded(series)]
     if rows.empty:

@@ -20,7 +20,7 @@ from stiction.scenes.pictures.mechanism import parameters_in_words
 
 TIME = "$t$ [s]"
 SAMPLES = 2401
-"""Of a truth, over the whole of its time: every 10 ms of 24 s."""
+"""Samples of a truth, over the whole of its time: every 10 ms of 24 s."""
 CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
 """In the order of the paper's figures."""
 FIRST_FIGURE = 5

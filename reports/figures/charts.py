@@ -15,8 +15,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
-from stiction.comparisons.presentation.charts import (BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap,
-                                                      MechanismPicture, Panel, Series)
+from stiction.comparisons.presentation import (BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap,
+                                               MechanismPicture, Panel, Series)
 from stiction.comparisons.results import Results
 from stiction.reports.figures.style import (COLORS, SHADE, TRUTH_COLOR, Drawing, Look, legend, letter, looks_of, narrow,
                                             panels, tick_at, variants_of, width)

@@ -17,7 +17,7 @@ from stiction.cli.render import or_shown, progress, show, show_truths, write_tab
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stiction.comparisons.presentation.presentation import Presentation
+    from stiction.comparisons.presentation import Presentation
     from stiction.comparisons.results import Results
     from stiction.comparisons.studies.study import Scope, Study
     from stiction.scenes import Scene

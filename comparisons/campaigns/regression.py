@@ -68,9 +68,9 @@ _MORE_IS_BETTER = ("events matched",)
 class Finding:
     """Something that is not as the baseline has it.
 
-    `severity` is one of `SEVERITIES`; `kind` is that of the number, or ``status``, where `metric` is empty. The baseline
-    or the history had `before`, this run has `now`; None where there is none. `ratio` is that of the larger to the
-    smaller size, infinite where that means nothing. `reason` says why this is not noise.
+    `severity` is one of `SEVERITIES`; `kind` is that of the number, or ``status``, where `metric` is empty. The
+    baseline or the history had `before`, this run has `now`; None where there is none. `ratio` is that of the larger
+    to the smaller size, infinite where that means nothing. `reason` says why this is not noise.
     """
 
     severity: str

@@ -24,7 +24,7 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.truth.truth import SAMPLES
-from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, UNMADE, Record, has_static_coefficient, scaled
+from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, UNMADE, Record, scaled
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Trajectory
 
@@ -61,9 +61,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
     def tables(records: tuple[Record, ...]) -> Tables:
         sizes = {name: size_of(scene) for name, scene in scenes.items()}
-        static = {record.variant.label: has_static_coefficient(record.variant) for record in records}
-        truths = {record.key: truth_for(scenes[record.scene], [record], scope.t_end, static[record.variant.label])
-                  for record in records}
+        truths = {record.key: truth_for(scenes[record.scene], [record], scope.t_end) for record in records}
 
         def errors_of(record: Record) -> Mapping[str, object]:
             return errors(record.trajectory, truths[record.key], sizes[record.scene])

@@ -11,7 +11,7 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import REFERENCE
-from stiction.comparisons.measures.scene_truth import truth_for
+from stiction.comparisons.measures.scene_truth import truths_for
 from stiction.comparisons.measures.torque_jumps import BOUND, FARTHEST, LATEST, torque_table
 from stiction.comparisons.methods import (at_equal_step, called, case_of, groups, methods, one_per_variant,
                                           representatives, title_of)
@@ -24,7 +24,7 @@ from stiction.comparisons.studies.accuracy import ROW_HEIGHT, compared_runs, ste
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.uncertain import rounded_up
-from stiction.comparisons.variants import UNMADE, Record, has_static_coefficient, time_factor
+from stiction.comparisons.variants import UNMADE, Record, time_factor
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Event, InputError, Scene
 
@@ -57,7 +57,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
         jumps, windows, all_truths = [], [], dict[str, Truth]()
         for scene in scope.scenes:
             own = [record for record in records if record.scene == scene.name]
-            truths = truths_of(scene, own, scope.t_end)
+            truths = truths_for(scene, own, scope.t_end)
             all_truths |= truths
             jumps.append(torque_table(own, truths, efforts[scene.name]))
             windows.append(windows_table(own, truths, efforts[scene.name], time_factor(scene, scope.t_end)))
@@ -75,14 +75,6 @@ def drive_of(scene: Scene, name: str | None) -> str:
     if name is not None and name not in scene.drives:
         raise InputError(f"drive: found {name!r}; expected one of {', '.join(scene.drives)}")
     return next(iter(scene.drives)) if name is None else name
-
-
-def truths_of(scene: Scene, records: Sequence[Record], t_end: float | None) -> dict[str, Truth]:
-    """The truth of the physics of each run, by key; of a run that failed, if another one with its physics did not."""
-    has_mus = {record.key: has_static_coefficient(record.variant) for record in records}
-    by_physics = {static: truth_for(scene, [one for one in records if has_mus[one.key] == static], t_end, static)
-                  for static in set(has_mus.values())}
-    return {key: by_physics[static] for key, static in has_mus.items()}
 
 
 def windows_table(records: Sequence[Record], truths: Mapping[str, Truth], effort: str,

@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.accuracy import WRONG, errors, graph, size_of, truth_graph
 from stiction.comparisons.measures.distances import hausdorff
-from stiction.comparisons.measures.scene_truth import truth_for
+from stiction.comparisons.measures.scene_truth import truths_for
 from stiction.comparisons.methods import succeeded
 from stiction.comparisons.studies.study import Tables
 from stiction.comparisons.timing.rounds import Timing
@@ -110,11 +110,9 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     size = size_of(scene)
 
     def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
-        by_physics = {has_mus: [record for record in records if static[record.variant.label] == has_mus]
-                      for has_mus in set(static.values())}
-        truths = {has_mus: truth_for(scene, alike, t_end, has_mus) for has_mus, alike in by_physics.items()}
+        truths = truths_for(scene, records, t_end)
         for record, timing in zip(records, timings):
-            run, truth = record.trajectory, truths[static[record.variant.label]]
+            run, truth = record.trajectory, truths[record.key]
             row = {**record.describe(), **cost_of(timing), **errors(run, truth, size)}
             if row["status"] != WRONG and run is not None and len(run.t) > 1 and truth.tier != NO_TRUTH:
                 row |= {**_distances(run, truth), **_end_state(run, truth)}

@@ -85,9 +85,8 @@ def records_comparison(scenes: Sequence[Scene], variants: Sequence[Variant],
     Engines without a static coefficient run the scene with mus = mu. The finest steps are begun first, so that no core
     waits for another at the end.
     """
-    static = {variant.label: has_static_coefficient(variant) for variant in variants}
     runs = [(scene, variant, step) for scene in scenes for variant in variants for step in variant.ladder]
-    tasks = [simulation(job(physics_of(scene, static[variant.label]), variant, step, t_end=t_end))
+    tasks = [simulation(job(physics_of(scene, has_static_coefficient(variant)), variant, step, t_end=t_end))
              for scene, variant, step in runs]
     order = sorted(range(len(runs)), key=lambda i: (runs[i][1].parameter, runs[i][2]))
 

@@ -12,7 +12,7 @@ import pandas as pd
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import REFERENCE
 from stiction.comparisons.measures.scene_truth import truths_for
-from stiction.comparisons.measures.torque_jumps import BOUND, FARTHEST, LATEST, torque_table
+from stiction.comparisons.measures.torque_jumps import BOUND, FARTHEST, LATEST, counterpart, torque_table
 from stiction.comparisons.methods import (at_equal_step, called, case_of, groups, methods, one_per_variant,
                                           representatives, title_of)
 from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Headline, Number, Panel, Presentation,
@@ -94,7 +94,7 @@ def windows_table(records: Sequence[Record], truths: Mapping[str, Truth], effort
     rows = []
     for number, wanted in enumerate(largest_events(next(iter(known.values())), effort) if known else ()):
         for name, truth in known.items():
-            event = counterpart(truth, wanted, effort, half)
+            event = counterpart(truth.events, wanted, effort, half)
             if event is None:
                 continue
             t = event.time + np.linspace(-half, half, 2 * round(HALF_WINDOW / TRUTH_STEP) + 1)
@@ -117,14 +117,6 @@ def largest_events(truth: Truth, effort: str) -> list[Event]:
         events = [event for event in truth.events if event.kind == kind and effort in event.before]
         found += sorted(events, key=lambda event: -abs(event.jump(effort)))[:1]
     return found
-
-
-def counterpart(truth: Truth, event: Event, effort: str, reach: float) -> Event | None:
-    """The event of a truth that is of the same kind and nearest in time, if it is within reach (s)."""
-    alike = [other for other in truth.events
-             if (other.kind, other.joint) == (event.kind, event.joint) and effort in other.before]
-    nearest = min(alike, key=lambda other: abs(other.time - event.time), default=None)
-    return nearest if nearest is not None and abs(nearest.time - event.time) <= reach else None
 
 
 def _window(t: np.ndarray, values: np.ndarray, events: Iterable[Event], centre: float, half: float,

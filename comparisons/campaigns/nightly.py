@@ -211,7 +211,6 @@ def _times(row: Row) -> list[float]:
 
 
 def _digest(campaign: Campaign) -> str:
-    """Return the digest of all that the numbers depend on."""
     engines = dict.fromkeys(["reference", *(variant.engine for variant in campaign.variants)])
     return digest([campaign.name, campaign.scenes, campaign.variants, campaign.measure, campaign.random,
                    campaign.random_mechanisms, campaign.repeats, campaign.workers, campaign.budget.run,

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from stiction.comparisons.measures.distances import Graph, hausdorff, l1, match_events, sup_at, value_at
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import Record
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Event, Scene, Trajectory
 
@@ -32,11 +30,6 @@ motion. Its row has that error as the reason and no numbers, so that nothing is 
 def size_of(scene: Scene) -> float:
     """Return the largest extent of points, positions and sliders that the scene declares, m."""
     return Mechanism(scene, stabilization="none").arrays.length_scale
-
-
-def accuracy_table(records: Iterable[Record], errors_of: Callable[[Record], Mapping[str, Any]]) -> pd.DataFrame:
-    """Return one row per run, failures included: its description, its `errors`, and the truth they refer to."""
-    return pd.DataFrame([{**record.describe(), **errors_of(record)} for record in records])
 
 
 def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) -> dict[str, Any]:
@@ -157,7 +150,6 @@ def truth_graph(truth: Truth, column: str, t: np.ndarray) -> Graph:
 
 
 def _inside(truth: Truth, t: np.ndarray) -> list[Event]:
-    """Events of the truth between the first and the last of some times."""
     return [event for event in truth.events if t[0] < event.time < t[-1]]
 
 

@@ -11,8 +11,7 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison, records_comparison, side_by_side
 from stiction.comparisons.campaigns.participants import variants
-from stiction.comparisons.measures.accuracy import (EVENT_WINDOW, KINDS, TORQUE_ERROR, accuracy_table, errors, missed,
-                                                    size_of)
+from stiction.comparisons.measures.accuracy import EVENT_WINDOW, KINDS, TORQUE_ERROR, errors, missed, size_of
 from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.methods import (Method, called, case_of, drawn_runs, grouped_methods, groups, known_of,
                                           made_methods, methods, same_work, title_of, with_columns)
@@ -62,11 +61,9 @@ def plan(scope: Scope) -> Comparison[Tables]:
     def tables(records: tuple[Record, ...]) -> Tables:
         sizes = {name: size_of(scene) for name, scene in scenes.items()}
         truths = {record.key: truth_for(scenes[record.scene], [record], scope.t_end) for record in records}
-
-        def errors_of(record: Record) -> Mapping[str, object]:
-            return errors(record.trajectory, truths[record.key], sizes[record.scene])
-
-        table = accuracy_table(records, errors_of)
+        table = pd.DataFrame([
+            {**record.describe(), **errors(record.trajectory, truths[record.key], sizes[record.scene])}
+            for record in records])
         known = {truth.scene: truth for truth in truths.values() if truth.tier != NO_TRUTH}
         return Tables({"accuracy": table}, records, truths=known)
 
@@ -195,7 +192,6 @@ def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method
 
 
 def _of(column: str, scene: str) -> str:
-    """The column of the table by method for one case."""
     return f"{column}, {case_of(scene)}"
 
 
@@ -206,7 +202,6 @@ def missed_by_kind(rows: pd.DataFrame) -> str:
 
 
 def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
-    """All runs of a scene."""
     shown = table.assign(**{BY_KIND: [missed_by_kind(table.loc[[label]]) if pd.notna(found) else ""
                                       for label, found in table[FOUND].items()]})
     columns = (Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),

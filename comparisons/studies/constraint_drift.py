@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.measures.drift import ROUNDING, drift_table
+from stiction.comparisons.measures.drift import ROUNDING, drift
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED
 from stiction.comparisons.methods import at_equal_step, called, case_of, methods, one_per_variant, title_of
 from stiction.comparisons.presentation import (LIMIT, Axis, Chart, Column, Headline, Number, Panel, Presentation,
@@ -38,7 +38,7 @@ FLOOR = 1e-17
 def plan(scope: Scope) -> Comparison[Tables]:
     """The drift of every run of the accuracy study."""
     def tables(records: tuple[Record, ...]) -> Tables:
-        table = drift_table(records)
+        table = pd.DataFrame([{**record.describe(), **drift(record.trajectory)} for record in records])
         if len(table):
             table[JOINT_COORDINATES] = table["engine"].map(_has_joint_coordinates)
         return Tables({"drift": table}, records)
@@ -137,7 +137,6 @@ def _growth(table: pd.DataFrame, measured: pd.DataFrame) -> TracedText:
 
 
 def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> TableView:
-    """The largest drift of each method."""
     table, rows = above_rounding(table), []
     for variant, there in runs[runs["variant"].isin(worst.index)].groupby("variant", sort=False):
         position, velocity = (table.loc[worst.at[variant, column]] for column in (POSITION, VELOCITY))

@@ -116,7 +116,6 @@ def _measured(cost: pd.DataFrame) -> pd.Series:
 
 
 def _is_timed(cost: pd.DataFrame) -> pd.Series:
-    """The runs that have a time."""
     return cost[TOTAL].notna() & cost["repeats"].gt(0)
 
 
@@ -145,7 +144,6 @@ def _bounded(rows: pd.DataFrame, label: int) -> TracedText:
 
 
 def _range(rows: pd.DataFrame) -> TracedText:
-    """The least and the largest total time."""
     ends = dict.fromkeys((rows[TOTAL].idxmin(), rows[TOTAL].idxmax())) if len(rows) else ()
     return listed([_bounded(rows, label) for label in ends], last=" to ")
 

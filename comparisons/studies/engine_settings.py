@@ -37,7 +37,7 @@ DRIFT, ROUNDING = "position drift, max [m]", "drift by rounding [m]"
 JUDGED = {ERROR: "position uncertainty [m]", "torque error, L1 mean [N m]": "torque uncertainty [N m]", DRIFT: ROUNDING}
 """Errors that a choice is judged by, and their uncertainties; no torque of a scene without a drive.
 
-The drift is that of all joints and drives, see `drift_table`.
+The drift is that of all joints and drives, see `stiction.comparisons.measures.drift.drift`.
 """
 FACTOR, EVERYWHERE = "time, of the fastest [-]", "better everywhere"
 TIME_RATIO, ERROR_RATIO, FAILED = "time, of the default's [-]", "largest error, of the default's [-]", "failed runs"
@@ -161,7 +161,6 @@ def _smaller(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _measured(table: pd.DataFrame) -> pd.DataFrame:
-    """The runs that have an error."""
     table = with_columns(table, ERROR)
     return table[succeeded(table) & table[ERROR].notna()]
 

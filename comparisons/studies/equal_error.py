@@ -122,7 +122,6 @@ def equal_error(runs: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
 
 def _rows(runs: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity,
           limits: Mapping[tuple[str, str], Limit]) -> Iterator[dict[str, Any]]:
-    """Rows of one scene and quantity."""
     sizes = _sizes(runs[succeeded(runs)], quantity)
     sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
     if sizes.empty:

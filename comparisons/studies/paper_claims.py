@@ -330,7 +330,6 @@ def sensitivity_comparison(cases: Mapping[int, Scene]) -> Comparison[pd.DataFram
 
 
 def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:
-    """Columns of one choice against ours."""
     if ours is None:
         of_claims = of_numbers = "not known: the first choice has no result"
     else:

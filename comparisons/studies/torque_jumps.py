@@ -243,7 +243,6 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, found: pd.DataFrame) ->
 
 
 def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
-    """All runs of a scene, a row per run."""
     columns = (Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
                Column("read", form=".0f"), Column("jumps", "of", form=".0f"), Column("bound", unit="N m"),
                Column(LATE, "largest time error", "s"), Column("status"), Column("reason"))

@@ -85,7 +85,7 @@ def listed(parts: Sequence[Part], separator: str = ", ", last: str = " and ") ->
 
 
 def joined(*sentences: TracedText) -> TracedText:
-    """Sentences behind each other; empty ones are left out."""
+    """Put sentences behind each other; empty ones are left out."""
     return listed(list(filter(None, sentences)), " ", " ")
 
 
@@ -113,9 +113,9 @@ def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "
     return Number(text, table, column, VALUE, (label + 1,))
 
 
-def scaled_value(table: str, rows: pd.DataFrame, label: int, column: str, factor: float = 1e3) -> Number:
-    """Return a cell in another unit, to two digits: by default a time in ms, a length in mm."""
-    return Number(short(factor * rows.at[label, column]), table, column, VALUE, (label + 1,), factor=factor)
+def scaled_value(table: str, rows: pd.DataFrame, label: int, column: str) -> Number:
+    """Return a cell in a thousandth of its unit, to two digits: a time in ms, a length in mm."""
+    return Number(short(1e3 * rows.at[label, column]), table, column, VALUE, (label + 1,), factor=1e3)
 
 
 def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:

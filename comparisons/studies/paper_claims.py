@@ -139,18 +139,17 @@ def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> 
     for row, claim in enumerate(claims()):
         first.setdefault(claim.case, row)
 
-    def part(case: str, outcome: Outcome) -> pd.DataFrame:
-        if outcome.value is not None:
-            return outcome.value.assign(status="ok", reason="")
-        return pd.DataFrame({"case": case, "place": "", "claim": f"[all about case {case}]", "verdict": UNDECIDED,
-                             "why": outcome.reason, "status": outcome.status, "reason": outcome.reason}, [first[case]])
-
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        parts = [part(case, outcome) for case, outcome in zip(first, outcomes, strict=True)]
+        parts = []
+        for case, outcome in zip(first, outcomes, strict=True):
+            failed = {"case": case, "place": "", "claim": f"[all about case {case}]", "verdict": UNDECIDED,
+                      "why": outcome.reason}
+            found = pd.DataFrame(failed, [first[case]]) if outcome.value is None else outcome.value
+            parts.append(found.assign(status=outcome.status, reason=outcome.reason))
         return pd.concat(parts).sort_index().reset_index(drop=True)
 
-    tasks = [Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in first]
-    return Comparison(tuple(tasks), tabulate)
+    return Comparison(tuple(Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in first),
+                      tabulate)
 
 
 def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: str) -> pd.DataFrame:
@@ -213,12 +212,11 @@ def _examine(claim: Claim, views: Views) -> dict[str, Any]:
         return {"verdict": NOT_TESTABLE, "why": claim.why}
     found = findings(claim, views)
     said = verdict(claim, found)
-    margin = _QUOTED["margin"][claim.measure].format(LINE=LINE, **claim.arguments) + claim.remark
-    row: dict[str, Any] = {"verdict": said, "why": claim.contradiction if said == CONTRADICTS else "",
-                           "margin is": margin}
-    row |= {f"margin, {name}": finding.margin for name, finding in found.items()}
-    row |= {f"found, {name}": finding.words for name, finding in found.items()}
-    return row | (_needs(claim, views) if said in (HOLDS, STEADY, CONTRADICTS) else {})
+    return {"verdict": said, "why": claim.contradiction if said == CONTRADICTS else "",
+            "margin is": _QUOTED["margin"][claim.measure].format(LINE=LINE, **claim.arguments) + claim.remark,
+            **{f"margin, {name}": finding.margin for name, finding in found.items()},
+            **{f"found, {name}": finding.words for name, finding in found.items()},
+            **(_needs(claim, views) if said in (HOLDS, STEADY, CONTRADICTS) else {})}
 
 
 def findings(claim: Claim, views: Views, truths_only: bool = False) -> dict[str, ClaimMargin]:
@@ -250,10 +248,7 @@ def verdict(claim: Claim, found: Mapping[str, ClaimMargin]) -> str:
 
 
 def _needs(claim: Claim, views: Views) -> dict[str, Any]:
-    """The shortest run from which on the claim holds in every period, and the largest step with which it does.
-
-    The steps are those of `STEPS`; the claim holds in the last period with each from the largest on.
-    """
+    """The shortest run from which on the claim holds in every period, and the largest step from which on it does."""
     def held(step: float, age: float) -> bool:
         view = partial(views.beginning, step) if claim.beginning else partial(views.period, step, age)
         return claim.measured(views, view).holds
@@ -324,9 +319,8 @@ def sensitivity_comparison(cases: Mapping[int, Scene]) -> Comparison[pd.DataFram
                               **({} if outcome.value is None else _changes(outcome.value, ours))}
                              for choice, outcome in zip(CHOICES, outcomes, strict=True)])
 
-    tasks = [Task(f"sensitivity/{choice}", sensitivity, (dict(cases), overrides))
-             for choice, overrides in CHOICES.items()]
-    return Comparison(tuple(tasks), tabulate)
+    return Comparison(tuple(Task(f"sensitivity/{choice}", sensitivity, (dict(cases), overrides))
+                            for choice, overrides in CHOICES.items()), tabulate)
 
 
 def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:

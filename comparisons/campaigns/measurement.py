@@ -1,7 +1,7 @@
 """One run and every number that is kept of it: errors against the truth, path, events, drift, counters, time.
 
-The numbers are made in the child process that simulates, the truth included, so that nothing that happens to any of
-them can end the campaign, and no trajectory has to travel.
+The numbers are made in the child process that simulates, the truth included: no failure ends the campaign, and no
+trajectory has to travel.
 
 A run can be made again with changes of rounding only: masses and gravity are moved by some units in the last
 place, bodies stand in another order, samples are kept half as often. It then differs as the run on another processor,

@@ -5,16 +5,15 @@ A run is compared with that of the same identity in the baseline; one that it do
 Every kind of number has its own rule, and knows how far rounding alone moves it (`tolerances`). Status and events are
 compared exactly. So are counters that rounding leaves alone; others may differ by `FURTHER` times as much as it moves
 them. Truths may differ by their uncertainties. Errors and drift have hard bounds. A number that rounding moves beyond
-its bound leads to no verdict. Where rounding was not measured, as in the first night of a campaign that has no
-baseline, errors, drift and counters are judged under the same `environment.conditions` only. So no verdict depends on
-the make of the processor.
+its bound leads to no verdict. In the first night of a campaign without a baseline rounding was not measured: errors,
+drift and counters are judged under the same `environment.conditions` only. So no verdict depends on the make of the
+processor.
 
 A number that only one of two truths has, such as a kind of events, is compared only if both are of the same tier.
 
-Times lead to a verdict only against the code before, timed in turns with it in the same check
-(`stiction.comparisons.timing.older_code`), and only by the median over the runs of an engine, see `BOUND_TURNS`.
-Against a baseline or the history they are reported without a verdict: for the same code a neighbour that keeps both
-cores busy makes 1.5 times of them, another processor 1.9 times.
+Times lead to a verdict only against the code before, timed in turns with it (`stiction.comparisons.timing.older_code`).
+The median over the runs of an engine decides, see `BOUND_TURNS`. Against a baseline or the history they are reported
+without a verdict: a neighbour that keeps both cores busy makes 1.5 times of them, another processor 1.9 times.
 """
 
 from __future__ import annotations

@@ -43,8 +43,8 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
     Parameters
     ----------
     size
-        Of the mechanism, m, see `size_of`. A position error above it, and above the largest coordinate of the true
-        motion, gives the row the ``status`` `WRONG` and the error as its ``reason``, for those of `Record.describe`.
+        The mechanism's, m, see `size_of`. A position error above it, and above the largest coordinate of the true
+        motion, is the ``reason`` of a row with the ``status`` `WRONG`, instead of those of `Record.describe`.
     """
     row: dict[str, Any] = {"truth": truth.scene, "truth tier": truth.tier, "truth note": truth.note}
     if trajectory is None or len(trajectory.t) < 2 or truth.tier == NO_TRUTH:

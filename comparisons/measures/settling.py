@@ -69,8 +69,8 @@ def common_period(scene: Scene) -> float:
 class Settled:
     """A motion at the common period's multiples: its `order` in periods, and the distance that is left to its limit.
 
-    The distance is d / (1 - r) in units of the range, d the last change from pass to pass and r the ratio of successive
-    changes, measured above a floor.
+    The distance is d / (1 - r) in units of the range. The last change from pass to pass is d; r is the ratio of
+    successive changes above a floor.
     """
 
     order: int

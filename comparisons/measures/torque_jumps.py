@@ -100,7 +100,7 @@ def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> J
         return None
     if has_two_sided_events(trajectory):
         found = counterpart(trajectory.events, event, effort, SEARCH)
-        estimate = found and JumpEstimate(found.time, found.jump(effort), 0.0, 0.0)
+        estimate = None if found is None else JumpEstimate(found.time, found.jump(effort), 0.0, 0.0)
     else:
         times = np.array([event.time for event in truth.events])
         others = np.abs(np.delete(times, i) - times[i])
@@ -124,11 +124,11 @@ def estimate_jump(trajectory: Trajectory, event: Event, room: float,
     """Read size and time of a jump off samples.
 
     An engine of fixed step has one value in the step of a jump, anywhere between the two sides of it or beyond both.
-    So parabolas are laid through `SAMPLES` samples on either side of a gap of one to `GAP` intervals, whose inner
-    samples belong to neither side, and are continued to its middle. Of all such gaps the jump is the one whose size is
-    the largest in units of its own uncertainty. Time is unsure by half the gap. Size is unsure by the standard error of
-    both continuations (least squares, at `CONFIDENCE` by Student's distribution), and by the difference of their slopes
-    over half the gap and an interval more: a value inside may belong to either side.
+    So parabolas are laid through `SAMPLES` samples on either side of a gap of one to `GAP` intervals, and continued to
+    its middle; samples in the gap belong to neither side. Of all such gaps the jump is the one whose size is the
+    largest in units of its own uncertainty. Time is unsure by half the gap. Size is unsure by the standard error of
+    both continuations (least squares, at `CONFIDENCE` by Student's distribution). To it comes the difference of their
+    slopes over half the gap and an interval more: a value inside may belong to either side.
 
     Parameters
     ----------

@@ -51,8 +51,8 @@ NOTES = ("CPU time is that of the whole run, our adapter included; in brackets t
 def plan(scope: Scope) -> Comparison[Tables]:
     """Refinement series of all methods on all scenes, timed in the same rounds; at full depth of other mechanisms, too.
 
-    Variants without runs in the other studies, such as accelerations under our integrator, are timed on the first scene
-    only, unless the depth measures equal error everywhere.
+    Variants without runs in the other studies are timed on the first scene only, unless the depth measures equal error
+    everywhere.
     """
     limits = extent(scope.depth)
     chosen = cost_variants(scope.engines, scope.depth)

@@ -6,8 +6,8 @@ the truth's uncertainty is above it. The interval of an interpolated time comes 
 round of timing (`stiction.comparisons.timing.rounds`): it has the spread of the times, not that of the errors, which
 are the same in every run.
 
-A series ends at its smallest error. `limit_of` finds its limit from all scenes together, by the order with which the
-errors fall at the finest runs, one for all scenes, with its interval (`order_of`):
+A series ends at its smallest error. `limit_of` finds its limit from the order with which the errors fall at the finest
+runs, one order for all scenes together, with its interval (`order_of`):
 
 - integration: the order is above zero with its whole interval, and on every scene the finest of these runs has a
   smaller error than the first: a finer one would go on; or the step is fixed and only iterations change;
@@ -109,9 +109,9 @@ def equal_error(runs: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         `COLUMNS`: ``truth``, its name (that with mus = mu is another); ``quantity`` of `QUANTITIES`, ``error`` in its
-        ``unit``; median and interval of the time to it, inside the engine's own calls and in total, with their
-        `LEVEL`, and `TIMING`, the reason why it is unsure; empty where no run reaches it; ``at most``: the coarsest
-        run already meets it; `SMALLEST` error on this scene; over all scenes the fields of `Limit`.
+        ``unit``; median and interval of the time to it, inside the engine's own calls and in total, empty where no run
+        reaches it; their `LEVEL`, and `TIMING`, the reason why it is unsure; ``at most``: the coarsest run already
+        meets it; `SMALLEST` error on this scene; over all scenes the fields of `Limit`.
     """
     limits = {(quantity.name, variant): limit_of(series, quantity, accelerations_of(series, runs))
               for quantity in QUANTITIES for variant, series in runs.groupby("variant", sort=False)}

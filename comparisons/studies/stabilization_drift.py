@@ -10,7 +10,7 @@ itself disturbs the motion.
 Residuals by rounding grow where a coordinate does. The method adds four terms to each coordinate in each step, which
 moves a residual by up to 4 ulp(q)/2 per unit of its derivative. A displacement delta per step settles at
 delta/h 2 alpha/beta^2, the integral of the answer of Phi'' + 2 alpha Phi' + beta^2 Phi = 0 to Phi = delta. The angle of
-a bar that turns grows for ever, and so does its ulp: at small steps that is all that is left of drift, and a run that
+a bar that turns grows for ever, and so does its ulp. At small steps that is all that is left of drift: a run that
 starts with the angle of a later time has the later time's drift from the beginning.
 """
 

@@ -101,8 +101,8 @@ def _draw_panel(ax: Axes, panel: Panel, looks: Mapping[str, Look], handles: dict
         else:
             middle = series.x if panel.horizontal else series.y
             spread = np.array([middle - series.low, series.high - middle]).clip(min=0.0)
-            ax.errorbar(series.x, series.y, **{"xerr" if panel.horizontal else "yerr": spread}, elinewidth=0.8,
-                        capsize=1.5, **style)
+            ax.errorbar(series.x, series.y, xerr=spread if panel.horizontal else None,
+                        yerr=None if panel.horizontal else spread, elinewidth=0.8, capsize=1.5, **style)
         if series.label:
             handles.setdefault(series.label, Line2D([], [], **style))
     _set_axis("x", ax.xaxis, panel.x)

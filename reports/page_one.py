@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import pandas as pd
 
 from stiction.comparisons.methods import MISSING_ENGINE, grouped_methods
+from stiction.comparisons.presentation import Number, TracedText, count, listed, traced
 from stiction.comparisons.presentation.cells import MISSING
-from stiction.comparisons.presentation.traced_text import Number, TracedText, count, listed, traced
 from stiction.comparisons.recommendation import mechanism_in_words
 from stiction.comparisons.results import Results
 from stiction.reports.markdown.failures import failed_runs

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from stiction.comparisons.presentation.charts import Figure
-from stiction.comparisons.presentation.presentation import Presentation
-from stiction.comparisons.presentation.table_view import TableView
-from stiction.comparisons.presentation.traced_text import TracedText
+from stiction.comparisons.presentation import Figure, Presentation, TableView, TracedText
 from stiction.comparisons.recommendation import recommendation
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Study, studies

@@ -8,8 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.presentation.presentation import Presentation
-from stiction.comparisons.presentation.traced_text import COUNT, NAME, RATIO, Number
+from stiction.comparisons.presentation import COUNT, NAME, RATIO, Number, Presentation
 from stiction.comparisons.results import Results
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, Record, Variant
 from stiction.engines import Outcome

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from stiction.comparisons.hard.examination import INEXPRESSIBLE, NOT_INSTALLED
-from stiction.comparisons.measures.accuracy import accuracy_table, errors, size_of
-from stiction.comparisons.measures.drift import drift_table
+from stiction.comparisons.measures.accuracy import errors, size_of
+from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.stabilization_drift import NONE, PAPERS, STEPS, DriftRun, LongRun, drift_study
@@ -76,7 +76,8 @@ def validation_of(records: list[Record], truths: dict) -> Results:
         {"case": "1", "claim": "the motion is periodic", "verdict": "holds", "figure behind it": "period 8 s", "source": "Sect. 5"},
         {"case": "1-3", "claim": "there is no stick phase", "verdict": "does not hold", "figure behind it": 0.6, "source": "made up"}])
     return Results(tuple(records), truths, {
-        "accuracy": accuracy_table(records, lambda record: errors(record.trajectory, truth_for[record.key], size_of(load_scene(CASE)))), "drift": drift_table(records), "threshold": threshold,
+        "accuracy": pd.DataFrame([{**record.describe(), **errors(record.trajectory, truth_for[record.key], size_of(load_scene(CASE)))} for record in records]),
+        "drift": pd.DataFrame([{**record.describe(), **drift(record.trajectory)} for record in records]), "threshold": threshold,
         "torque": torque_table(records, truth_for), "claims": claims, **study_tables()}, {"engines": ["a", "b"]}, 12.5, 20.25)
 
 

@@ -199,7 +199,7 @@ def updated(baseline: Baseline, rows: Iterable[Row], reason: str, origin: Mappin
     Parameters
     ----------
     origin
-        Of the rows, see `environment.origin`.
+        The `environment.origin` of the rows.
     campaign
         Keys of all its runs.
 

@@ -286,7 +286,7 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
     Parameters
     ----------
     path
-        Of its file; the suite's own where None.
+        Its file; the suite's own where None.
     scenes
         Names or paths that replace the scenes of the campaign and of its part for checks.
 

@@ -36,9 +36,9 @@ class KeptRefused(StictionError):
 class KeptRuns:
     """`stiction.engines.isolate` with a memory.
 
-    `kept` counts the outcomes in the file, `taken_over` those that an earlier call had made, `settled` all that there
-    are, made or taken over. After an `interrupt` all runs that are left are `NOT_RUN`. The caller who needs the runs no
-    more sets `finished`: then they are removed.
+    `kept` counts the outcomes in the file, `taken_over` those of an earlier call, `settled` all, made or taken over.
+    After an `interrupt` all runs that are left are `NOT_RUN`. The caller who needs the runs no more sets `finished`,
+    which removes them.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection, circumstances: str):
@@ -150,7 +150,7 @@ def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
     Parameters
     ----------
     engines
-        Those that take part: names or ``module:Class``.
+        Names or ``module:Class`` of those that take part.
 
     Raises
     ------

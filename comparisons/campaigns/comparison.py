@@ -17,10 +17,9 @@ from typing import Any, Generic, TypeVar
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.timing.timed_runs import call_of, computation, time_runs, timed, with_cost
 from stiction.comparisons.variants import Record, Variant, has_static_coefficient, job, physics_of
-from stiction.engines.isolation import Isolate, Outcome, Task, is_simulation, isolate, simulation
-from stiction.engines.protocol import Engine
+from stiction.engines import Engine, EngineMissing, Isolate, Outcome, Task, isolate, load_engine, simulation
+from stiction.engines.isolation import is_simulation
 from stiction.engines.reference.engine import compile_kernels
-from stiction.engines.registry import EngineMissing, load_engine
 from stiction.scenes import Scene
 
 S = TypeVar("S")
@@ -46,7 +45,7 @@ class Comparison(Generic[T]):
         Rounds in which its runs are timed, at least; 0: they are not. The tasks of a timed comparison are simulations,
         and the values of their outcomes are `stiction.comparisons.timing.rounds.Timing`.
     ladders : tuple of str
-        By task that is timed, the name of its refinement series, whose steps come from coarse to fine.
+        The refinement series of each task that is timed, in their order; steps come from coarse to fine.
     budget_s : float
         CPU seconds that the rounds of one series may take. Finer steps are not timed, and their `Timing` says so.
     """
@@ -86,9 +85,8 @@ def records_comparison(scenes: Sequence[Scene], variants: Sequence[Variant],
     Engines without a static coefficient run the scene with mus = mu. The finest steps are begun first, so that no core
     waits for another at the end.
     """
-    static = {variant.label: has_static_coefficient(variant) for variant in variants}
     runs = [(scene, variant, step) for scene in scenes for variant in variants for step in variant.ladder]
-    tasks = [simulation(job(physics_of(scene, static[variant.label]), variant, step, t_end=t_end))
+    tasks = [simulation(job(physics_of(scene, has_static_coefficient(variant)), variant, step, t_end=t_end))
              for scene, variant, step in runs]
     order = sorted(range(len(runs)), key=lambda i: (runs[i][1].parameter, runs[i][2]))
 

@@ -73,7 +73,6 @@ def open_isolate(name: str = "processes", workers: int | None = None) -> Iterato
 
 def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
                 on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
-    """`isolate` on the workers of a Dask executor."""
     from distributed.scheduler import KilledWorker
 
     outcomes: dict[int, Outcome] = {}
@@ -100,7 +99,6 @@ def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | Non
 
 
 def _isolate_share(tasks: Sequence[Task], timeout_s: float) -> list[Outcome]:
-    """A worker's share of the tasks, one at a time."""
     return isolate(tasks, workers=1, timeout_s=timeout_s)
 
 

@@ -87,7 +87,7 @@ class History:
         Parameters
         ----------
         digest
-            Of everything that the numbers depend on: a night whose digest differs is never added to.
+            Stands for all that the numbers depend on: a night whose digest differs is never added to.
         origin
             See `environment.origin`.
         """

@@ -1,7 +1,7 @@
 """One run and every number that is kept of it: errors against the truth, path, events, drift, counters, time.
 
-The numbers are made in the child process that simulates, the truth included, so that nothing that happens to any of
-them can end the campaign, and no trajectory has to travel.
+The numbers are made in the child process that simulates, the truth included: no failure ends the campaign, and no
+trajectory has to travel.
 
 A run can be made again with changes of rounding only: masses and gravity are moved by some units in the last
 place, bodies stand in another order, samples are kept half as often. It then differs as the run on another processor,
@@ -27,9 +27,8 @@ from stiction.comparisons.timing.calibration import TIME, relative_time
 from stiction.comparisons.timing.rounds import bare_run
 from stiction.comparisons.truth import CLOSED_FORM, NO_TRUTH, Truth
 from stiction.comparisons.variants import Variant, job, physics_of, run_key
-from stiction.engines.isolation import Outcome, Task
+from stiction.engines import Outcome, Task, load_engine
 from stiction.engines.reference.engine import compile_kernels
-from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, vary
 
 if TYPE_CHECKING:
@@ -123,7 +122,7 @@ def outcome_of(status: str, reason: str) -> str:
 class PlannedRun:
     """A variant with a step on a scene, or the truth of a scene where `variant` is None.
 
-    Of one that is `followed`, the path is measured as well. `way`, one of `WAYS`, is that of a run made again.
+    The path of one that is `followed` is measured as well. A run that is made again has a `way`, one of `WAYS`.
     """
 
     scene: Scene

@@ -68,7 +68,7 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
     Parameters
     ----------
     folder
-        Of the history, made if it is not there.
+        Holds the history; made if it is not there.
     publish
         Called with the result before the night counts as finished: if it is cut off in there, the next call resumes.
     isolated
@@ -211,7 +211,6 @@ def _times(row: Row) -> list[float]:
 
 
 def _digest(campaign: Campaign) -> str:
-    """Return the digest of all that the numbers depend on."""
     engines = dict.fromkeys(["reference", *(variant.engine for variant in campaign.variants)])
     return digest([campaign.name, campaign.scenes, campaign.variants, campaign.measure, campaign.random,
                    campaign.random_mechanisms, campaign.repeats, campaign.workers, campaign.budget.run,

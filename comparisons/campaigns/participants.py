@@ -1,8 +1,7 @@
 """Variants of `validate` and `compare` with their steps and tolerances: data of ``campaigns/validation.toml``.
 
 Nothing here knows an engine by name but the reference, to which the others are compared. An engine without a variant in
-the file, as one that another package announces or that is given as ``module:Class``, takes part at each of its
-fidelities with the file's steps for ``others``, in every comparison.
+the file takes part in every comparison, at each of its fidelities with the file's steps for ``others``.
 """
 
 from __future__ import annotations

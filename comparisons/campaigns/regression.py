@@ -5,16 +5,15 @@ A run is compared with that of the same identity in the baseline; one that it do
 Every kind of number has its own rule, and knows how far rounding alone moves it (`tolerances`). Status and events are
 compared exactly. So are counters that rounding leaves alone; others may differ by `FURTHER` times as much as it moves
 them. Truths may differ by their uncertainties. Errors and drift have hard bounds. A number that rounding moves beyond
-its bound leads to no verdict. Where rounding was not measured, as in the first night of a campaign that has no
-baseline, errors, drift and counters are judged under the same `environment.conditions` only. So no verdict depends on
-the make of the processor.
+its bound leads to no verdict. In the first night of a campaign without a baseline rounding was not measured: errors,
+drift and counters are judged under the same `environment.conditions` only. So no verdict depends on the make of the
+processor.
 
 A number that only one of two truths has, such as a kind of events, is compared only if both are of the same tier.
 
-Times lead to a verdict only against the code before, timed in turns with it in the same check
-(`stiction.comparisons.timing.older_code`), and only by the median over the runs of an engine, see `BOUND_TURNS`.
-Against a baseline or the history they are reported without a verdict: for the same code a neighbour that keeps both
-cores busy makes 1.5 times of them, another processor 1.9 times.
+Times lead to a verdict only against the code before, timed in turns with it (`stiction.comparisons.timing.older_code`).
+The median over the runs of an engine decides, see `BOUND_TURNS`. Against a baseline or the history they are reported
+without a verdict: a neighbour that keeps both cores busy makes 1.5 times of them, another processor 1.9 times.
 """
 
 from __future__ import annotations
@@ -68,9 +67,9 @@ _MORE_IS_BETTER = ("events matched",)
 class Finding:
     """Something that is not as the baseline has it.
 
-    `severity` is one of `SEVERITIES`; `kind` is that of the number, or ``status``, where `metric` is empty. `before` is
-    of the baseline or the history, `now` of this run; None where there is none. `ratio` is that of the larger to the
-    smaller size, infinite where that means nothing. `reason` says why this is not noise.
+    `severity` is one of `SEVERITIES`; `kind` is that of the number, or ``status``, where `metric` is empty. The
+    baseline or the history had `before`, this run has `now`; None where there is none. `ratio` is that of the larger
+    to the smaller size, infinite where that means nothing. `reason` says why this is not noise.
     """
 
     severity: str
@@ -100,15 +99,22 @@ def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], ti
     kinds
         Kinds of numbers that were measured.
     times
-        By key of the run; the time of any other is not reported.
+        Those that are reported, by key of the run.
     conditions
         Under which the rows were made, see `environment.conditions`.
     turns
-        By key of the run, see `older_code.times_in_turns`.
+        The yield of `older_code.times_in_turns`.
     """
     drawn, compared = ([row for row in rows if (row.variant == RANDOM) == random] for random in (True, False))
-    found = [_of_draw(row) for row in drawn if row.status != "ok"]
-    found += [finding for row in compared for finding in _of_row(row, baseline, kinds, times, conditions)]
+    found = [Finding(REGRESSION if row.status == WRONG else COULD_NOT_RUN, RANDOM, row.key, "", None, row.status,
+                     math.inf, f"{row.identity}: {row.reason}") for row in drawn if row.status != "ok"]
+    for row in compared:
+        expected = baseline.expected(row)
+        if finding := _of_status(row, expected, baseline):
+            found.append(finding)
+        elif expected is not None:
+            found += _of_truths(row, expected)
+            found += _of_numbers(row, expected, kinds, times.get(row.key), expected.conditions == conditions)
     found += _of_turns(compared, turns)
     return sorted(found, key=lambda f: (SEVERITIES.index(f.severity), _RANKS.index(f.kind), -f.ratio, f.key, f.metric))
 
@@ -124,22 +130,6 @@ def compared(rows: Iterable[Row], baseline: Baseline) -> int:
     """Count the runs that were made and have an entry in the baseline; truths are no runs, and draws have none."""
     return sum(row.variant not in (RANDOM, TRUTH) and row.outcome in _STATUSES and baseline.expected(row) is not None
                for row in rows)
-
-
-def _of_draw(row: Row) -> Finding:
-    """Return the finding of a random scene that is silently wrong, or on which run and truth do not stop alike."""
-    severity = REGRESSION if row.status == WRONG else COULD_NOT_RUN
-    return Finding(severity, RANDOM, row.key, "", None, row.status, math.inf, f"{row.identity}: {row.reason}")
-
-
-def _of_row(row: Row, baseline: Baseline, kinds: Collection[str], times: Mapping[str, Times],
-            conditions: str) -> Iterator[Finding]:
-    expected = baseline.expected(row)
-    if finding := _of_status(row, expected, baseline):
-        yield finding
-    elif expected is not None:
-        yield from _of_truths(row, expected)
-        yield from _of_numbers(row, expected, kinds, times.get(row.key), expected.conditions == conditions)
 
 
 def _of_status(row: Row, expected: Expected | None, baseline: Baseline) -> Finding | None:

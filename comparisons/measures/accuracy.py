@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from stiction.comparisons.measures.distances import Graph, hausdorff, l1, match_events, sup_at, value_at
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import Record
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Event, Scene, Trajectory
 
@@ -34,11 +32,6 @@ def size_of(scene: Scene) -> float:
     return Mechanism(scene, stabilization="none").arrays.length_scale
 
 
-def accuracy_table(records: Iterable[Record], errors_of: Callable[[Record], Mapping[str, Any]]) -> pd.DataFrame:
-    """Return one row per run, failures included: its description, its `errors`, and the truth they refer to."""
-    return pd.DataFrame([{**record.describe(), **errors_of(record)} for record in records])
-
-
 def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) -> dict[str, Any]:
     """Return the errors of one run; empty values where there is no run, or no truth (`truth note` says why).
 
@@ -50,8 +43,8 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
     Parameters
     ----------
     size
-        Of the mechanism, m, see `size_of`. A position error above it, and above the largest coordinate of the true
-        motion, gives the row the ``status`` `WRONG` and the error as its ``reason``, for those of `Record.describe`.
+        The mechanism's, m, see `size_of`. A position error above it, and above the largest coordinate of the true
+        motion, is the ``reason`` of a row with the ``status`` `WRONG`, instead of those of `Record.describe`.
     """
     row: dict[str, Any] = {"truth": truth.scene, "truth tier": truth.tier, "truth note": truth.note}
     if trajectory is None or len(trajectory.t) < 2 or truth.tier == NO_TRUTH:
@@ -157,7 +150,6 @@ def truth_graph(truth: Truth, column: str, t: np.ndarray) -> Graph:
 
 
 def _inside(truth: Truth, t: np.ndarray) -> list[Event]:
-    """Events of the truth between the first and the last of some times."""
     return [event for event in truth.events if t[0] < event.time < t[-1]]
 
 

@@ -1,8 +1,8 @@
 """Distances between nonsmooth motions, each with its numerical uncertainty.
 
 The sup norm of a quantity that jumps is O(1) as soon as a jump is shifted by dt, however small; it is kept for
-positions and velocities at given instants. For what jumps there are the L1 norm over time, O(dt), the Hausdorff
-distance between graphs, O(dt) with jumps drawn as vertical lines, and the comparison of events by kind and time.
+positions and velocities at given instants. Quantities that jump have the L1 norm over time, O(dt), and the Hausdorff
+distance between graphs, O(dt) with jumps drawn as vertical lines. Events are compared by kind and time.
 """
 
 from __future__ import annotations

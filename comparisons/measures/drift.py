@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from stiction.comparisons.measures.drift_growth import growth
 from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import Record
 from stiction.scenes import Scene, Trajectory
 
 ROUNDING = 1e-13
@@ -23,18 +21,11 @@ SETTLED = 16
 """Part of a run from which on growth is measured: four octaves."""
 
 
-def drift_table(records: Iterable[Record]) -> pd.DataFrame:
-    """Return one row per run: size and growth of the residuals of the scene's constraints.
+def drift(trajectory: Trajectory | None) -> dict[str, Any]:
+    """Return size and growth of the residuals of the scene's constraints in a run; empty values where there is none.
 
     Residuals are recomputed from the states by the same constraint equations for every engine; the engine's own
     formulation may satisfy others better. At contact fidelity they contain the penetration and clearance of contacts.
-    """
-    return pd.DataFrame([{**record.describe(), **drift(record.trajectory)} for record in records])
-
-
-def drift(trajectory: Trajectory | None) -> dict[str, Any]:
-    """Return the drift of one run, exact for its states up to rounding; empty values where there is no run.
-
     Growth over so short a run is often inconclusive; `stiction.comparisons.studies.stabilization_drift` has longer
     ones.
     """

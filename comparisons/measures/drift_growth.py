@@ -51,9 +51,9 @@ class Growth:
 def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np.ndarray = 0.0) -> Growth:
     """Find the law of growth of sampled values.
 
-    Root mean squares over octaves (T/2, T], (T/4, T/2], .., T the end of the run, down to ones that begin at `first`
-    at the earliest: the mean of a periodic residual does not depend on where its largest value is met, and that of
-    noise not on the number of samples.
+    The law is that of root mean squares over octaves (T/2, T], (T/4, T/2], .. before the end T, from `first` on. The
+    mean of a periodic residual does not depend on where its largest value is met, that of noise not on the number of
+    samples.
 
     Parameters
     ----------

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -12,7 +13,7 @@ from stiction.comparisons.proof.truth import with_proof
 from stiction.comparisons.truth import (NoMotion, NotThisMechanism, Truth, TruthRefused, Undecided, four_bar_truth,
                                         incline_truth, moving_guide_truth, oscillator_truth, pendulum_truth,
                                         slider_bar_truth, slider_crank_truth, trammel_truth)
-from stiction.comparisons.variants import Record, physics_of, truth_key
+from stiction.comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
 from stiction.engines.reference.engine import compile_kernels
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
 from stiction.reference_impl.integration.result import Run
@@ -72,18 +73,27 @@ def _found(request: _Request) -> Truth:
         return Truth.unknown(scene.name, t_end, "; ".join(filter(None, (note, str(error)))))
 
 
-def truth_for(scene: Scene, records: Iterable[Record], t_end: float | None = None,
-              static_coefficient: bool = True) -> Truth:
-    """Return `ground_truth` for the physics of the engines of some runs, under the name of `truth_key`.
+def truth_for(scene: Scene, records: Sequence[Record], t_end: float | None = None) -> Truth:
+    """Return `ground_truth` for the physics that the engines of some runs share, under the name of `truth_key`.
 
     Where all runs failed it is not sought.
     """
+    static_coefficient = has_static_coefficient(records[0].variant)
     if any(record.trajectory is not None for record in records):
         found = ground_truth(physics_of(scene, static_coefficient), t_end)
     else:
         found = Truth.unknown(scene.name, scene.t_end if t_end is None else t_end,
                               "all runs that could be compared with it failed")
     return replace(found, scene=truth_key(scene.name, static_coefficient))
+
+
+def truths_for(scene: Scene, records: Iterable[Record], t_end: float | None = None) -> dict[str, Truth]:
+    """Return `truth_for` each run by its key: of a failed one, if another with its physics did not fail."""
+    by_physics: dict[bool, list[Record]] = defaultdict(list)
+    for record in records:
+        by_physics[has_static_coefficient(record.variant)].append(record)
+    return {record.key: truth for alike in by_physics.values() for truth in [truth_for(scene, alike, t_end)]
+            for record in alike}
 
 
 def rubbing_guides(scene: Scene) -> frozenset[str]:

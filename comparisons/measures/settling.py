@@ -29,7 +29,7 @@ class NotSettled(StictionError):
 
 
 def excitation_period(scene: Scene, since: float = 0.0) -> float:
-    """Smallest period (s) of all loads and drives from `since` on; inf where they or their rates are constant.
+    """Return the smallest period (s) of loads and drives from `since` on; inf where they or their rates are constant.
 
     Raises
     ------
@@ -50,9 +50,12 @@ def excitation_period(scene: Scene, since: float = 0.0) -> float:
     changing = tuple(rate for rate in rates if rate > 0)
     if not changing:
         return np.inf
-    if (period := _period_of(changing)) is None:
+    ratios = [Fraction(rate / changing[0]).limit_denominator(64) for rate in changing]
+    if any(abs(rate / changing[0] - ratio) > 1e-9 or not ratio for rate, ratio in zip(changing, ratios)):
         raise NoCommonPeriod(f"{scene.name}: frequencies {list(changing)} rad/s have no common period")
-    return period
+    denominator = int(np.lcm.reduce([ratio.denominator for ratio in ratios]))
+    divisor = Fraction(int(np.gcd.reduce([int(ratio * denominator) for ratio in ratios])), denominator)
+    return float(2 * np.pi / (changing[0] * float(divisor)))  # all rates are multiples of changing[0] * divisor
 
 
 def common_period(scene: Scene) -> float:
@@ -62,22 +65,12 @@ def common_period(scene: Scene) -> float:
     return period
 
 
-def _period_of(rates: tuple[float, ...]) -> float | None:
-    """Smallest common period (s) of frequencies (rad/s), if there is one."""
-    ratios = [Fraction(rate / rates[0]).limit_denominator(64) for rate in rates]
-    if any(abs(rate / rates[0] - ratio) > 1e-9 or not ratio for rate, ratio in zip(rates, ratios)):
-        return None
-    denominator = int(np.lcm.reduce([ratio.denominator for ratio in ratios]))
-    divisor = Fraction(int(np.gcd.reduce([int(ratio * denominator) for ratio in ratios])), denominator)
-    return float(2 * np.pi / (rates[0] * float(divisor)))  # all rates are multiples of rates[0] * divisor
-
-
 @dataclass(frozen=True)
 class Settled:
     """A motion at the common period's multiples: its `order` in periods, and the distance that is left to its limit.
 
-    The distance is d / (1 - r) in units of the range, d the last change from pass to pass and r the ratio of successive
-    changes, measured above a floor.
+    The distance is d / (1 - r) in units of the range. The last change from pass to pass is d; r is the ratio of
+    successive changes above a floor.
     """
 
     order: int
@@ -86,7 +79,7 @@ class Settled:
 
 def settled(x: np.ndarray, distance: float = SETTLED, floor: float = SETTLED,
             orders: Iterable[int] = range(1, MOST_PERIODS + 1), size: float | None = None) -> Settled | None:
-    """The way in which states at successive multiples of a period repeat themselves; None if they do not.
+    """Find the way in which states at successive multiples of a period repeat themselves; None if they do not.
 
     Parameters
     ----------
@@ -94,7 +87,7 @@ def settled(x: np.ndarray, distance: float = SETTLED, floor: float = SETTLED,
     distance, floor : float
         From the limit, below which they have; and the change that the contraction is measured above.
     orders : iterable of int
-        Of subharmonics, that are looked for.
+        Orders of the subharmonics that are looked for.
     size : float, optional
         Unit of both; the range of x if not given.
     """

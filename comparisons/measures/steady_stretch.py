@@ -52,11 +52,11 @@ class Stretch:
     columns : Mapping[str, ndarray]
         As of `stiction.scenes.Trajectory`, each of shape (n,).
     events : tuple of Event
-        Those after `start` and before `end`, with two-sided values.
+        Events after `start` and before `end`, with two-sided values.
     step : float
-        Of the method, s; 0 for the truth.
+        The method's, s; 0 for the truth.
     uncertainty : Mapping[str, float]
-        Of the columns, by name, where it is known.
+        By name of a column, where it is known.
     """
 
     start: float

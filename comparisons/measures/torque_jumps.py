@@ -99,7 +99,8 @@ def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> J
     if trajectory is None or event.time > trajectory.t[-1]:
         return None
     if has_two_sided_events(trajectory):
-        estimate = _located(trajectory, event, effort)
+        found = counterpart(trajectory.events, event, effort, SEARCH)
+        estimate = None if found is None else JumpEstimate(found.time, found.jump(effort), 0.0, 0.0)
     else:
         times = np.array([event.time for event in truth.events])
         others = np.abs(np.delete(times, i) - times[i])
@@ -110,12 +111,12 @@ def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> J
     return estimate
 
 
-def _located(trajectory: Trajectory, event: Event, effort: str) -> JumpEstimate | None:
-    alike = [found for found in trajectory.events if (found.kind, found.joint) == (event.kind, event.joint)]
-    nearest = min(alike, key=lambda found: abs(found.time - event.time), default=None)
-    if nearest is None or abs(nearest.time - event.time) >= SEARCH:
-        return None
-    return JumpEstimate(nearest.time, nearest.jump(effort), 0.0, 0.0)
+def counterpart(events: Iterable[Event], event: Event, effort: str, reach: float) -> Event | None:
+    """Return the event of the same kind that is nearest in time, with the effort, if it is within reach (s)."""
+    alike = [other for other in events
+             if (other.kind, other.joint) == (event.kind, event.joint) and effort in other.before]
+    nearest = min(alike, key=lambda other: abs(other.time - event.time), default=None)
+    return nearest if nearest is not None and abs(nearest.time - event.time) <= reach else None
 
 
 def estimate_jump(trajectory: Trajectory, event: Event, room: float,
@@ -123,11 +124,11 @@ def estimate_jump(trajectory: Trajectory, event: Event, room: float,
     """Read size and time of a jump off samples.
 
     An engine of fixed step has one value in the step of a jump, anywhere between the two sides of it or beyond both.
-    So parabolas are laid through `SAMPLES` samples on either side of a gap of one to `GAP` intervals, whose inner
-    samples belong to neither side, and are continued to its middle. Of all such gaps the jump is the one whose size is
-    the largest in units of its own uncertainty. Time is unsure by half the gap. Size is unsure by the standard error of
-    both continuations (least squares, at `CONFIDENCE` by Student's distribution), and by the difference of their slopes
-    over half the gap and an interval more: a value inside may belong to either side.
+    So parabolas are laid through `SAMPLES` samples on either side of a gap of one to `GAP` intervals, and continued to
+    its middle; samples in the gap belong to neither side. Of all such gaps the jump is the one whose size is the
+    largest in units of its own uncertainty. Time is unsure by half the gap. Size is unsure by the standard error of
+    both continuations (least squares, at `CONFIDENCE` by Student's distribution). To it comes the difference of their
+    slopes over half the gap and an interval more: a value inside may belong to either side.
 
     Parameters
     ----------

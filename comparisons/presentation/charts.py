@@ -22,7 +22,7 @@ class Series:
     Attributes
     ----------
     label : str
-        In the legend; none if empty.
+        Its words in the legend, which has none if empty.
     x, y : ndarray, shape (n,)
     low, high : ndarray, optional
         Ends of the interval of each y, or of each x in a horizontal panel; shape (n,).
@@ -30,7 +30,7 @@ class Series:
         Label of a variant, whose look is the same in all figures; or a look of this module; or another word, which
         has a look of its own in its figure.
     line, points, hollow : bool
-        Whether there is a line, markers, and markers without fill.
+        True for a line, markers, and markers without fill.
     """
 
     label: str
@@ -62,7 +62,7 @@ class Panel:
     Attributes
     ----------
     horizontal : bool
-        Whether the intervals of series are of x, over categories y.
+        True if the intervals of series are of x, over categories y.
     shades : sequence of (float, float)
         Parts of the x axis in grey: stick phases.
     lines : sequence of float
@@ -100,9 +100,9 @@ class HeatMap:
     cells : sequence of sequence of str
         Categories, row by row; empty where there is none.
     categories : Mapping[str, tuple[str, str]]
-        By category its sign and its colour (hexadecimal), best first.
+        Sign and colour (hexadecimal) of each category, best first.
     groups : Mapping[str, int]
-        By heading above rows the number of rows that follow.
+        Number of rows that follow each heading.
     """
 
     name: str

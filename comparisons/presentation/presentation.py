@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from stiction.comparisons.presentation.charts import Figure
@@ -29,21 +29,19 @@ class Presentation:
     ----------
     answer : TracedText
         One sentence or two, of at most `ANSWER_LENGTH` characters where numbers allow; empty if there is none.
-    findings : tuple of TracedText
+    findings : sequence of TracedText
         Further sentences, in the study's section alone.
-    headlines : tuple of Headline
-    tables : tuple of TableView
-    figures : tuple of Figure
-    notes : tuple of str
+    headlines, tables, figures : sequences
+    notes : sequence of str
         How to read tables and figures: definitions, signs, what may be compared.
     """
 
     answer: TracedText = TracedText()
-    findings: tuple[TracedText, ...] = ()
-    headlines: tuple[Headline, ...] = ()
-    tables: tuple[TableView, ...] = ()
-    figures: tuple[Figure, ...] = ()
-    notes: tuple[str, ...] = ()
+    findings: Sequence[TracedText] = ()
+    headlines: Sequence[Headline] = ()
+    tables: Sequence[TableView] = ()
+    figures: Sequence[Figure] = ()
+    notes: Sequence[str] = ()
 
     @property
     def is_empty(self) -> bool:

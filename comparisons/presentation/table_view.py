@@ -22,26 +22,21 @@ class Column:
 
     Attributes
     ----------
-    name : str
-        Of the frame's column.
+    name, uncertainty, second, bound : str
+        Columns of the frame: the value; its uncertainty, `uncertainty_of` the name if empty; a second number of the
+        same unit, in brackets: ``55 (46)``; the signs of a value that is a bound or unsure: ``≤ 55``, ``≥ ~55``.
     label : str
-        Heading without unit; if empty the name, with nothing else made of it.
+        Heading without unit; the name as it is if empty.
     unit : str
-        Of the value, after `scale`; if empty, the unit in the name.
-    uncertainty : str
-        Name of the frame's column with the uncertainty, in the unit of the value; if empty, `uncertainty_of` the name.
+        The unit after `scale`; that in the name if empty.
     form : str
         Format of a number, such as ``".3g"``; if empty, two digits for errors, else by the column's name.
     interval : bool
-        A number with a sign, always written with its uncertainty: ``-0.035 ± 0.063``, not ``< 0.098``.
+        True for a number with a sign and always with its uncertainty: ``-0.035 ± 0.063``, not ``< 0.098``.
     scale : float
         Factor from the frame's unit to the unit shown: 1000 for s shown in ms.
     brief : bool
-        Whether it stands in the report, too; pages and prints have every column.
-    second : str
-        Name of the frame's column of a second number, in the same unit, in brackets: ``55 (46)``.
-    bound : str
-        Name of the frame's column with the signs of a value that is a bound or unsure: ``≤ 55``, ``≥ ~55``.
+        True if it stands in the report, too; pages and prints have every column.
     """
 
     name: str
@@ -89,12 +84,11 @@ class TableView:
     Attributes
     ----------
     name : str
-        Of its files, unique in a report.
-    caption : str
+        Names its files, unique in a report.
     frame : DataFrame
         Full precision; a row per row shown, uncertainties in columns of their own.
     columns : tuple of Column
-        In their order; columns without any value are left out.
+        Those without any value are not shown.
     source : str
         Name of the table of the data that the rows come from.
     rows : tuple of tuple of int
@@ -102,7 +96,7 @@ class TableView:
     group : str
         Column of the frame whose value stands as a heading above rows that share it; none if empty.
     in_report : bool
-        Whether it stands in the report and in print; the page and the folder of tables have all.
+        True if it stands in the report and in print; the page and the folder of tables have all.
     """
 
     name: str

@@ -24,16 +24,16 @@ class Number:
     text : str
         With its uncertainty, or with its interval in brackets.
     table, column : str
-        Of ``data/TABLE.csv``; no column for a count.
+        The table is ``data/TABLE.csv``; a count has no column.
     how : {"value", "count", "ratio", "name"}
         The cell of each of the rows; the number of rows with the values `where`; the cell of the first row over that
         of the second; the name in the cell.
     rows : tuple of int
         From 1, the heading not counted; none for a count.
     where : Mapping
-        Of a count: by column the values of the rows that are counted, a set where there are several.
+        The values of the rows that are counted, by column; a set where there are several.
     factor : float
-        What the cell is multiplied by: 1000 for a time in ms.
+        Multiplies the cell: 1000 for a time in ms.
     """
 
     text: str
@@ -84,6 +84,11 @@ def listed(parts: Sequence[Part], separator: str = ", ", last: str = " and ") ->
     return traced(separator.join("{}" for _ in first) + (last if first else "") + "{}", *first, end)
 
 
+def joined(*sentences: TracedText) -> TracedText:
+    """Put sentences behind each other; empty ones are left out."""
+    return listed(list(filter(None, sentences)), " ", " ")
+
+
 def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "", unsure: str = "") -> Number:
     """Return the cell of a row, an error or a jump by its size, with its uncertainty where the table has one.
 
@@ -108,9 +113,9 @@ def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "
     return Number(text, table, column, VALUE, (label + 1,))
 
 
-def scaled_value(table: str, rows: pd.DataFrame, label: int, column: str, factor: float = 1e3) -> Number:
-    """Return a cell in another unit, to two digits: by default a time in ms, a length in mm."""
-    return Number(short(factor * rows.at[label, column]), table, column, VALUE, (label + 1,), factor=factor)
+def scaled_value(table: str, rows: pd.DataFrame, label: int, column: str) -> Number:
+    """Return a cell in a thousandth of its unit, to two digits: a time in ms, a length in mm."""
+    return Number(short(1e3 * rows.at[label, column]), table, column, VALUE, (label + 1,), factor=1e3)
 
 
 def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:

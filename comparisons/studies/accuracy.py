@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -11,20 +11,19 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison, records_comparison, side_by_side
 from stiction.comparisons.campaigns.participants import variants
-from stiction.comparisons.measures.accuracy import (EVENT_WINDOW, KINDS, TORQUE_ERROR, accuracy_table, errors, missed,
-                                                    size_of)
+from stiction.comparisons.measures.accuracy import EVENT_WINDOW, KINDS, TORQUE_ERROR, errors, missed, size_of
 from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.methods import (Method, called, case_of, drawn_runs, grouped_methods, groups, known_of,
                                           made_methods, methods, same_work, title_of, with_columns)
 from stiction.comparisons.presentation import (LIMIT, NAME, Axis, Chart, Column, Headline, Number, Panel, Presentation,
-                                               Series, TableView, TracedText, count, length, listed, sentence, traced,
-                                               value, view)
+                                               Series, TableView, TracedText, count, joined, length, listed, sentence,
+                                               traced, value, view)
 from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.truth.truth import SAMPLES
-from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, UNMADE, Record, has_static_coefficient, scaled
+from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, UNMADE, Record, scaled
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Trajectory
 
@@ -32,9 +31,9 @@ POSITION, UNCERTAINTY = "position error [m]", "position uncertainty [m]"
 FOUND, MISSED, SPURIOUS = "events matched", "events missed", "events spurious"
 BY_KIND, EVENTS, SUPPLIERS = "missed, by kind", "events", "friction / events by"
 PIECES = 120
-"""Parts of the time: the largest in each is drawn of a difference that changes sign all the time."""
+"""Parts of the time: of a difference, which changes sign all the time, the largest in each is drawn."""
 FAR_BELOW = 10.0
-"""Ratio of the smallest difference to the truth's uncertainty from which on the latter is not drawn."""
+"""The truth's uncertainty is drawn unless the smallest difference is more than this many times as large."""
 ROW_HEIGHT = 1.8
 """Inches of a row of panels."""
 MARGIN = 1.5
@@ -61,14 +60,10 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
     def tables(records: tuple[Record, ...]) -> Tables:
         sizes = {name: size_of(scene) for name, scene in scenes.items()}
-        static = {record.variant.label: has_static_coefficient(record.variant) for record in records}
-        truths = {record.key: truth_for(scenes[record.scene], [record], scope.t_end, static[record.variant.label])
-                  for record in records}
-
-        def errors_of(record: Record) -> Mapping[str, object]:
-            return errors(record.trajectory, truths[record.key], sizes[record.scene])
-
-        table = accuracy_table(records, errors_of)
+        truths = {record.key: truth_for(scenes[record.scene], [record], scope.t_end) for record in records}
+        table = pd.DataFrame([
+            {**record.describe(), **errors(record.trajectory, truths[record.key], sizes[record.scene])}
+            for record in records])
         known = {truth.scene: truth for truth in truths.values() if truth.tier != NO_TRUTH}
         return Tables({"accuracy": table}, records, truths=known)
 
@@ -83,17 +78,19 @@ def present(results: Results) -> Presentation:
         return Presentation()
     where = " in all cases" if table["scene"].nunique() > 1 else ""
     ranked = [method for method in found.values() if method.is_ranked]
-    sentences = [_own(table, [method for method in ranked if method.is_own], where),
-                 _engines(table, [method for method in ranked if not method.is_own])]
-    answer = listed(list(filter(None, sentences)), " ", " ") or TracedText(f"No method succeeded{where}.")
+    answer = joined(_own(table, [method for method in ranked if method.is_own], where),
+                    _engines(table, [method for method in ranked if not method.is_own]))
     failed = [traced("{} ({} of {})", called(method.variant), _count(table, method.failed), _count(table, method.rows))
               for method in found.values() if len(method.failed)]
-    findings = [*_closest(results, table, found),
-                sentence("Runs that failed or were declined, so that the method is not ranked: {}.", listed(failed))]
-    headline = Headline("position [m]", {variant: _cell(table, method) for variant, method in found.items()})
-    tables = (_by_method(results, table, found), *_by_scene(table))
-    return Presentation(answer, tuple(filter(None, findings)), (headline,), tables,
-                        (_over_step(table, found), *_differences(results, table)), NOTES)
+    over_step = step_chart("accuracy", "Largest position error over the step. A row of panels holds methods that may "
+                           "be compared; dotted: the slope of first order. Runs by tolerance have no step; the table "
+                           "has them.", table, list(found), POSITION, "position error [m]")
+    return Presentation(
+        answer or TracedText(f"No method succeeded{where}."),
+        [*_closest(results, table, found),
+         sentence("Runs that failed or were declined, so that the method is not ranked: {}.", listed(failed))],
+        [Headline("position [m]", {variant: _cell(table, method) for variant, method in found.items()})],
+        [_by_method(results, table, found), *_by_scene(table)], [over_step, *_differences(results, table)], NOTES)
 
 
 def _reached(table: pd.DataFrame, method: Method) -> TracedText:
@@ -195,7 +192,6 @@ def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method
 
 
 def _of(column: str, scene: str) -> str:
-    """The column of the table by method for one case."""
     return f"{column}, {case_of(scene)}"
 
 
@@ -206,9 +202,8 @@ def missed_by_kind(rows: pd.DataFrame) -> str:
 
 
 def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
-    """All runs of a scene."""
-    missed_of = [missed_by_kind(table.loc[[label]]) if pd.notna(found) else "" for label, found in table[FOUND].items()]
-    shown = table.assign(**{BY_KIND: missed_of})
+    shown = table.assign(**{BY_KIND: [missed_by_kind(table.loc[[label]]) if pd.notna(found) else ""
+                                      for label, found in table[FOUND].items()]})
     columns = (Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
                Column("status"), Column(POSITION, "position"), Column("velocity error [m/s]", "velocity"),
                Column(TORQUE_ERROR, "torque, mean"), Column("event time error [s]", "event time"),
@@ -219,68 +214,54 @@ def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
         yield view(f"accuracy-{scene}", caption, rows, columns, source="accuracy", in_report=False)
 
 
-def row_by_row(panels: Sequence[Panel], columns: int) -> list[Panel]:
-    """Panels of a chart of so many columns, with the same logarithmic y axis in a row and its label at the first."""
-    found = []
-    for first in range(0, len(panels), columns):
-        row = panels[first:first + columns]
-        values = np.concatenate([series.y for panel in row for series in panel.series] or [np.empty(0)])
+def chart_by_case(name: str, caption: str, table: pd.DataFrame, x: Axis, label: str,
+                  series: Callable[[pd.DataFrame], list[Series]]) -> Chart:
+    """A row of panels per group of methods that may be compared, a column per case, with the series of its rows.
+
+    A row has one logarithmic y axis, with its label at the first panel.
+    """
+    scenes, panels = list(dict.fromkeys(table["scene"])), list[Panel]()
+    for group, rows in groups(table) if scenes else ():
+        row = {scene: series(rows[rows["scene"] == scene]) for scene in scenes}
+        values = np.concatenate([np.empty(0), *(one.y for found in row.values() for one in found)])
         limits = (values.min() / MARGIN, values.max() * MARGIN) if len(values) else None
-        labels = [row[0].y.label, *[""] * (len(row) - 1)]
-        axes = [replace(panel.y, limits=limits, label=label) for panel, label in zip(row, labels)]
-        found += [replace(panel, y=axis) for panel, axis in zip(row, axes)]
-    return found
+        panels += [Panel(f"{title_of(scene)}; {group}", x,
+                         Axis(label if scene == scenes[0] else "", log=True, limits=limits), found)
+                   for scene, found in row.items()]
+    return Chart(name, caption, panels, max(1, len(scenes)), ROW_HEIGHT, share_x=True)
 
 
 def step_chart(name: str, caption: str, table: pd.DataFrame, chosen: Sequence[str], column: str, label: str) -> Chart:
-    """A column of a table over the step: a row of panels per group of methods that may be compared, a column per case.
-
-    Runs by tolerance have no step and are left out.
-    """
+    """A column of a table over the step; runs by tolerance have none and are left out."""
     rows = table[table["variant"].isin(chosen) & (table["parameter"] == "dt")]
     rows = rows[rows[column] > 0] if column in rows else rows.iloc[:0]
-    scenes, steps = list(dict.fromkeys(rows["scene"])), sorted(set(rows["step"]))
-    found = []
-    for group_name, group in groups(rows) if len(rows) else ():
-        for scene in scenes:
-            here = group[group["scene"] == scene].sort_values("step")
-            parts = here.groupby("variant", sort=False)
-            series = [Series(variant, part["step"].to_numpy(float), part[column].to_numpy(float), look=variant,
-                             points=True) for variant, part in parts]
-            if len(here):
-                ends = np.array([here["step"].min(), here["step"].max()])
-                series.append(Series("first order", ends, 2 * (here[column] / here["step"]).max() * ends, look=LIMIT))
-            step_axis = Axis("step [s]", log=True, ticks=steps)
-            found.append(Panel(f"{title_of(scene)}; {group_name}", step_axis, Axis(label, log=True), series))
-    columns = max(1, len(scenes))
-    return Chart(name, caption, row_by_row(found, columns), columns, ROW_HEIGHT, share_x=True)
 
+    def series(here: pd.DataFrame) -> list[Series]:
+        here = here.sort_values("step")
+        found = [Series(variant, part["step"].to_numpy(float), part[column].to_numpy(float), look=variant, points=True)
+                 for variant, part in here.groupby("variant", sort=False)]
+        ends = here["step"].agg(["min", "max"]).to_numpy(float)
+        slope = 2 * (here[column] / here["step"]).max()
+        return [*found, Series("first order", ends, slope * ends, look=LIMIT)] if found else []
 
-def _over_step(table: pd.DataFrame, chosen: Mapping[str, Method]) -> Chart:
-    return step_chart("accuracy", "Largest position error over the step. A row of panels holds methods that may be "
-                      "compared; dotted: the slope of first order. Runs by tolerance have no step; the table has them.",
-                      table, list(chosen), POSITION, "position error [m]")
+    return chart_by_case(name, caption, rows, Axis("step [s]", log=True, ticks=sorted(set(rows["step"]))), label,
+                         series)
 
 
 def _differences(results: Results, table: pd.DataFrame) -> Iterator[Chart]:
     """The difference from the truth over time: of positions, and of the driving torque."""
-    scenes = list(dict.fromkeys(record.scene for record in results.records))
     chosen = drawn_runs(results)
     truths = {key: results.truths.get(name) for key, name in zip(table["key"], table["truth"])}
     for quantity, endings, unit in (("position", (".x", ".y"), "m"), ("torque", (".effort",), "N m")):
-        panels = []
-        for name, rows in groups(table):
-            keys = set(rows["key"])
-            for scene in scenes:
-                there = [record for record in chosen if record.scene == scene and record.key in keys]
-                series = list(_difference_series(there, truths, endings))
-                axis = Axis(f"{quantity} difference [{unit}]", log=True)
-                panels.append(Panel(f"{title_of(scene)}; {name}", Axis("time [s]"), axis, series))
-        caption = (f"Difference of each method's {quantity} from the truth over time, at the step nearest to 1 ms or "
-                   f"the tightest tolerance; the largest in each of {PIECES} parts of the time. A method that does not "
-                   "locate an event differs there by the jump.")
-        yield Chart(f"difference-{quantity}", caption, row_by_row(panels, len(scenes)), len(scenes), ROW_HEIGHT,
-                    share_x=True)
+        def series(here: pd.DataFrame, endings: tuple[str, ...] = endings) -> list[Series]:
+            keys = set(here["key"])
+            return list(_difference_series([run for run in chosen if run.key in keys], truths, endings))
+
+        yield chart_by_case(
+            f"difference-{quantity}", f"Difference of each method's {quantity} from the truth over time, at the step "
+            f"nearest to 1 ms or the tightest tolerance; the largest in each of {PIECES} parts of the time. A method "
+            "that does not locate an event differs there by the jump.", table, Axis("time [s]"),
+            f"{quantity} difference [{unit}]", series)
 
 
 def _difference_series(records: Sequence[Record], truths: Mapping[str, Truth | None],
@@ -304,9 +285,8 @@ def largest_differences(trajectory: Trajectory, truth: Truth,
                         endings: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Times (s) and sizes of the largest difference in each of `PIECES` parts of the time.
 
-    Differences are those of the columns with these endings, at the instants at which a stored truth is known, where the
-    run has a sample: a stored run and the run itself give the same figure. Columns that guides at rest leave open are
-    left out.
+    It is of the columns with these endings that no guide at rest leaves open. It is taken where the run has a sample
+    at an instant of a stored truth: a stored run and the run itself give the same figure.
     """
     known = np.linspace(0.0, truth.t_end, SAMPLES)
     nearest = np.minimum(np.searchsorted(known, trajectory.t - 1e-9), SAMPLES - 1)

@@ -5,19 +5,18 @@ Stabilization against drift over long runs is the question of `stiction.comparis
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.measures.drift import ROUNDING, drift_table
+from stiction.comparisons.measures.drift import ROUNDING, drift
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED
 from stiction.comparisons.methods import at_equal_step, called, case_of, methods, one_per_variant, title_of
-from stiction.comparisons.presentation.charts import LIMIT, Axis, Chart, Panel, Series
-from stiction.comparisons.presentation.presentation import Headline, Presentation
-from stiction.comparisons.presentation.table_view import Column, TableView, view
-from stiction.comparisons.presentation.traced_text import Number, TracedText, count, listed, traced, value
+from stiction.comparisons.presentation import (LIMIT, Axis, Chart, Column, Headline, Number, Panel, Presentation,
+                                               Series, TableView, TracedText, count, listed, sentence, traced, value,
+                                               view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.accuracy import compared_runs
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -39,7 +38,7 @@ FLOOR = 1e-17
 def plan(scope: Scope) -> Comparison[Tables]:
     """The drift of every run of the accuracy study."""
     def tables(records: tuple[Record, ...]) -> Tables:
-        table = drift_table(records)
+        table = pd.DataFrame([{**record.describe(), **drift(record.trajectory)} for record in records])
         if len(table):
             table[JOINT_COORDINATES] = table["engine"].map(_has_joint_coordinates)
         return Tables({"drift": table}, records)
@@ -65,13 +64,22 @@ def present(results: Results) -> Presentation:
              if variant in chosen]
     runs = pd.concat(parts) if parts else table.iloc[:0]
     measured = runs[runs[POSITION].notna()]
+    failed = [traced("{} in {} of {}", called(variant), count("drift", table, key=frozenset(keys)),
+                     count("drift", table, key=frozenset(runs.loc[runs["variant"] == variant, "key"])))
+              for variant, keys in runs[runs[POSITION].isna()].groupby("variant", sort=False)["key"]]
+    without = sentence("Runs that failed and have no drift: {}.", listed(failed))
     if measured.empty:
-        return Presentation(findings=tuple(_failed(table, runs)))
+        return Presentation(findings=[without])
     worst = measured.groupby("variant", sort=False)[[POSITION, VELOCITY]].idxmax()
-    findings = (_growth(table, measured), *_failed(table, runs))
-    headlines = tuple(Headline(label, {variant: traced("{}", drift_size("drift", table, int(row), column))
-                                       for variant, row in worst[column].items()})
-                      for label, column in (("drift [m, rad]", POSITION), ("velocity drift [m/s]", VELOCITY)))
+    headlines = [Headline(label, {variant: traced("{}", drift_size("drift", table, int(row), column))
+                                  for variant, row in worst[column].items()})
+                 for label, column in (("drift [m, rad]", POSITION), ("velocity drift [m/s]", VELOCITY))]
+    every = (Column("scene"), Column("variant", "method"), Column("fidelity"), Column("step", form="g"),
+             Column(POSITION, "drift, max", "m, rad"), Column("position drift, end [m]", "drift, end", "m, rad"),
+             Column(VELOCITY, "velocity drift, max", "m/s"),
+             Column("velocity drift, end [m/s]", "velocity drift, end", "m/s"), Column("growth"),
+             Column(EXPONENT, "power of time", uncertainty=INTERVAL, interval=True), Column("status"), Column("reason"))
+    all_runs = view("drift-all", "Drift of every run.", table, every, source="drift", in_report=False)
     notes = ["Drift is the norm of the residuals of the constraints, gaps in m and angles in rad together, or of their "
              f"rates; 0 is below {ROUNDING:g} m, rad or m/s, which rounding makes. With contacts it holds what they "
              "penetrate."]
@@ -80,8 +88,8 @@ def present(results: Results) -> Presentation:
         names = ", ".join(called(variant) for variant in trees["variant"].unique())
         notes.append(f"Joint coordinates ({names}) hold pins and guides by construction: what drifts is the drive and "
                      "closed loops alone, so that little drift is no merit.")
-    return Presentation(_answer(table, measured, worst), findings, headlines,
-                        (_by_method(table, runs, worst), _all_runs(table)), _figures(results, chosen), tuple(notes))
+    return Presentation(_answer(table, measured, worst), [_growth(table, measured), without], headlines,
+                        [_by_method(table, runs, worst), all_runs], _figures(results, chosen), notes)
 
 
 def drift_size(name: str, table: pd.DataFrame, label: int, column: str) -> Number:
@@ -128,33 +136,21 @@ def _growth(table: pd.DataFrame, measured: pd.DataFrame) -> TracedText:
                   "too short to say.", grows, count("drift", table, key=keys), largest, bounded, rounded, inconclusive)
 
 
-def _failed(table: pd.DataFrame, runs: pd.DataFrame) -> Iterator[TracedText]:
-    """The methods whose runs failed, in all cases or in some."""
-    parts = [traced("{} in {} of {}", called(variant), count("drift", table, key=frozenset(keys)),
-                    count("drift", table, key=frozenset(runs.loc[runs["variant"] == variant, "key"])))
-             for variant, keys in runs[runs[POSITION].isna()].groupby("variant", sort=False)["key"]]
-    if parts:
-        yield traced("Runs that failed and have no drift: {}.", listed(parts))
-
-
 def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> TableView:
-    """The largest drift of each method."""
-    rows, behind = [], []
+    table, rows = above_rounding(table), []
     for variant, there in runs[runs["variant"].isin(worst.index)].groupby("variant", sort=False):
         position, velocity = (table.loc[worst.at[variant, column]] for column in (POSITION, VELOCITY))
-        rows.append({"variant": variant, "fidelity": position["fidelity"],
-                     "cases": f"{there[POSITION].notna().sum()} of {len(there)}", POSITION: position[POSITION],
-                     "position in": case_of(position["scene"]), VELOCITY: velocity[VELOCITY],
-                     "velocity in": case_of(velocity["scene"]), "growth": _law(position)})
-        behind.append(there.index + 1)
+        rows.append(({"variant": variant, "fidelity": position["fidelity"],
+                      "cases": f"{there[POSITION].notna().sum()} of {len(there)}", POSITION: position[POSITION],
+                      "position in": case_of(position["scene"]), VELOCITY: velocity[VELOCITY],
+                      "velocity in": case_of(velocity["scene"]), "growth": _law(position)}, there))
     columns = (Column("variant", "method"), Column("fidelity"),
                Column("cases", "cases measured", brief=bool(runs[POSITION].isna().any())),
                Column(POSITION, "drift", "m, rad"), Column("position in", "in"),
                Column(VELOCITY, "velocity drift", "m/s"), Column("velocity in", "in"),
                Column("growth", "growth of drift there"))
     return view("drift", "Largest drift of each method, of all cases: steps nearest to 1 ms, the reference at its "
-                "tightest tolerance. t^p: the power of time fitted to it.",
-                above_rounding(pd.DataFrame(rows)), columns, source="drift", rows=behind)
+                "tightest tolerance. t^p: the power of time fitted to it.", rows, columns)
 
 
 def _law(run: pd.Series) -> str:
@@ -164,29 +160,19 @@ def _law(run: pd.Series) -> str:
     return f"{run['growth']}, t^({Uncertain(float(run[EXPONENT]), float(run[INTERVAL])).both()})"
 
 
-def _all_runs(table: pd.DataFrame) -> TableView:
-    columns = (Column("scene"), Column("variant", "method"), Column("fidelity"), Column("step", form="g"),
-               Column(POSITION, "drift, max", "m, rad"), Column("position drift, end [m]", "drift, end", "m, rad"),
-               Column(VELOCITY, "velocity drift, max", "m/s"),
-               Column("velocity drift, end [m/s]", "velocity drift, end", "m/s"), Column("growth"),
-               Column(EXPONENT, "power of time", uncertainty=INTERVAL, interval=True), Column("status"),
-               Column("reason"))
-    return view("drift-all", "Drift of every run.", table, columns, source="drift", in_report=False)
-
-
-def _figures(results: Results, chosen: Sequence[str]) -> tuple[Chart, ...]:
+def _figures(results: Results, chosen: Sequence[str]) -> list[Chart]:
     """Drift of every method over time: position above, velocity below, a column a case."""
     made = [record for record in results.records if record.trajectory is not None and record.variant.label in chosen]
     scenes = list(dict.fromkeys(record.scene for record in made))
     if not scenes:
-        return ()
+        return []
     panels = [_panel(one_per_variant(record for record in made if record.scene == scene), name, title_of(scene), label)
               for name, label in (("drift.position", "drift [m, rad]"), ("drift.velocity", "velocity drift [m/s]"))
               for scene in scenes]
     caption = (f"Drift of every method over time, the largest in each of {PIECES} pieces: of position above, of "
                "velocity below. A method may be low in one and high in the other. "
                f"Dotted: {ROUNDING:g}, below which it is rounding.")
-    return (Chart("drift-engines", caption, panels, columns=len(scenes), share_x=True, share_y=True),)
+    return [Chart("drift-engines", caption, panels, columns=len(scenes), share_x=True, share_y=True)]
 
 
 def _panel(records: Sequence[Record], name: str, title: str, label: str) -> Panel:

@@ -71,7 +71,7 @@ def observed_order(step: Sequence[float], error: Sequence[float], uncertainty: S
     step, error : sequences of float
         From coarse to fine.
     uncertainty : sequence of float
-        Of the truth, in the unit of the error; runs with an error below `FLOOR` times it are left out.
+        The truth's, in the unit of the error; runs with an error below `FLOOR` times it are left out.
     """
     h, e, u = (np.asarray(values, dtype=float) for values in (step, error, uncertainty))
     good = np.isfinite(e) & (e > FLOOR * u) & (e > 0)
@@ -102,6 +102,7 @@ def order_rows(scene: Scene, method: str) -> list[dict[str, object]]:
 
 
 def _without_events(scene: Scene, event_driven: bool) -> tuple[Truth, list[tuple[float, Trajectory]]]:
+    """The truth without friction, and runs with their mean steps."""
     engine, smooth = ReferenceEngine(), vary(scene, {"guide.mu": 0.0, "guide.mus": None})
     if event_driven:
         made = [engine.simulate(smooth, t_end=SMOOTH, rtol=rtol, output_step=SMOOTH / 80, stabilization="projection")
@@ -124,10 +125,11 @@ def _across_a_break_away(scene: Scene) -> tuple[Truth, list[tuple[float, Traject
 def orders_comparison(scene: Scene) -> Comparison[pd.DataFrame]:
     """The rows of all `METHODS`; a method that failed is a row with its reason."""
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        return pd.DataFrame([{"scene": scene.name, **row, "status": outcome.status, "reason": outcome.reason}
-                             for (method, order), outcome in zip(METHODS.items(), outcomes, strict=True)
-                             for row in outcome.value or [{"method": method, ORDER: order, "runs": 0,
-                                                           "why none": outcome.status}]], columns=COLUMNS)
+        return pd.DataFrame([
+            {"scene": scene.name, **row, "status": outcome.status, "reason": outcome.reason}
+            for (method, order), outcome in zip(METHODS.items(), outcomes, strict=True)
+            for row in outcome.value or [{"method": method, ORDER: order, "runs": 0, "why none": outcome.status}]],
+            columns=COLUMNS)
 
     return Comparison(tuple(Task(f"orders/{scene.name}/{method}", order_rows, (scene, method)) for method in METHODS),
                       tabulate)
@@ -144,33 +146,25 @@ def present(results: Results) -> Presentation:
     known = table[table[ERROR].notna()] if len(table) else table
     if known.empty:
         return Presentation()
-    parts = [(rows.iloc[0], rows) for _, rows in known.groupby("method", sort=False)]
-    answer = traced("Observed orders (promised): {}.", listed([_order(table, int(rows.index[0])) for _, rows in parts]))
+    parts, orders = [(rows.iloc[0], rows) for _, rows in known.groupby("method", sort=False)], []
+    for row, _ in parts:
+        orders.append(TracedText(f"{row['method']} none ({row['why none']})") if np.isnan(row[OBSERVED]) else
+                      traced("{} {} ({})", row["method"], interval("orders", table, int(row.name), OBSERVED, HALF),
+                             value("orders", table, int(row.name), ORDER, "g")))
     columns = (Column("method"), Column(ORDER, "order promised"),
                Column(OBSERVED, "order observed (95 %)", uncertainty=HALF, interval=True), Column("runs"),
                Column("why none"))
     shown = view("orders", "Observed orders of the reference, fitted where neighbouring slopes agree.", parts, columns)
-    return Presentation(answer, (), (), (shown,), (_figure(known),))
-
-
-def _order(table: pd.DataFrame, label: int) -> TracedText:
-    row = table.loc[label]
-    if np.isnan(row[OBSERVED]):
-        return TracedText(f"{row['method']} none ({row['why none']})")
-    return traced("{} {} ({})", row["method"], interval("orders", table, label, OBSERVED, HALF),
-                  value("orders", table, label, ORDER, "g"))
-
-
-def _figure(known: pd.DataFrame) -> Chart:
     series = []
     for method, runs in known.groupby("method", sort=False):
         step, error = runs[STEP].to_numpy(), runs[ERROR].to_numpy()
         promised = error[-1] * (step / step[-1]) ** float(runs[ORDER].iloc[0])
         series += [Series(method, step, error, look=LOOKS.get(method, ""), line=False, points=True),
                    Series("", step, promised, look=LIMIT)]
-    panel = Panel("", Axis(STEP, log=True), Axis(ERROR, log=True), series)
-    return Chart("orders", "Position error of the reference over its step. Dotted, through the finest run: the order "
-                 "that each method promises.", (panel,), columns=1, height=3.0)
+    chart = Chart("orders", "Position error of the reference over its step. Dotted, through the finest run: the order "
+                  "that each method promises.", [Panel("", Axis(STEP, log=True), Axis(ERROR, log=True), series)],
+                  columns=1, height=3.0)
+    return Presentation(traced("Observed orders (promised): {}.", listed(orders)), tables=[shown], figures=[chart])
 
 
 STUDY = Study("orders", "Convergence", "Does the reference converge as its methods promise?", 10, present, plan,

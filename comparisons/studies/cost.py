@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -11,12 +11,11 @@ import pandas as pd
 from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
 from stiction.comparisons.campaigns.participants import REFERENCE, cost_variants, extent, variants
 from stiction.comparisons.methods import (MISSING_ENGINE, called, case_of, groups, known_of, methods, succeeded,
-                                          title_of, with_columns)
-from stiction.comparisons.presentation import (Axis, Chart, Column, Headline, Panel, Part, Presentation, Series,
-                                               TableView, TracedText, count, listed, scaled_value, sentence, traced,
-                                               value, view)
+                                          with_columns)
+from stiction.comparisons.presentation import (Axis, Chart, Column, Headline, Part, Presentation, Series, TableView,
+                                               TracedText, count, listed, scaled_value, sentence, traced, value, view)
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.accuracy import ROW_HEIGHT, row_by_row
+from stiction.comparisons.studies.accuracy import chart_by_case
 from stiction.comparisons.studies.equal_error import (COLUMNS, FAILED, INTEGRATION, QUANTITIES, SCENES, SMALLEST,
                                                       equal_error)
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -52,8 +51,8 @@ NOTES = ("CPU time is that of the whole run, our adapter included; in brackets t
 def plan(scope: Scope) -> Comparison[Tables]:
     """Refinement series of all methods on all scenes, timed in the same rounds; at full depth of other mechanisms, too.
 
-    Variants without runs in the other studies, such as accelerations under our integrator, are timed on the first scene
-    only, unless the depth measures equal error everywhere.
+    Variants without runs in the other studies are timed on the first scene only, unless the depth measures equal error
+    everywhere.
     """
     limits = extent(scope.depth)
     chosen = cost_variants(scope.engines, scope.depth)
@@ -70,18 +69,17 @@ def plan(scope: Scope) -> Comparison[Tables]:
     more = [load_scene(name) for name in SCENES[3:]] if limits.equal_error and known == {*SCENES[:3]} else []
 
     def combine(found: list[Timed]) -> Tables:
-        parts = [part for part in (found[:len(cases)], found[len(cases):]) if part]
-        equal = [equal_error(_joined([one.table for one in part]), _joined([one.samples for one in part]))
-                 for part in parts]
-        tables = {"cost": _joined([one.table for one in parts[0]]), "equal-error": _joined(equal),
-                  "times": _joined([one.samples for one in found])}
-        return Tables(tables, timed=tuple(record for one in parts[0] for record in one.records))
+        def concatenated(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+            return pd.concat([pd.DataFrame(), *tables], ignore_index=True)
+
+        of_cases, of_others = found[:len(cases)], found[len(cases):]
+        equal = [equal_error(concatenated(one.table for one in part), concatenated(one.samples for one in part))
+                 for part in (of_cases, of_others) if part]
+        tables = {"cost": concatenated(one.table for one in of_cases), "equal-error": concatenated(equal),
+                  "times": concatenated(one.samples for one in found)}
+        return Tables(tables, timed=tuple(record for one in of_cases for record in one.records))
 
     return side_by_side([*cases, *(timed(scene, chosen) for scene in more)], combine)
-
-
-def _joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    return pd.concat([pd.DataFrame(), *tables], ignore_index=True)
 
 
 def present(results: Results) -> Presentation:
@@ -95,12 +93,21 @@ def present(results: Results) -> Presentation:
     first = cost["scene"].iloc[0]
     equal = _times_to_position(results, cost)
     reached = equal[(equal["scene"] == first) & (equal["error"] == TARGET) & equal[TOTAL].notna()]
-    findings = [_contacts(reached), _not_reached(cost, reached, first), _limited(equal, cost["scene"].nunique()),
-                _accelerations(cost, first), _set_up(cost), _unsure(cost), _load(results.table("times"))]
+    findings = [sentence("Engines with contacts take {} ms to it, each against the truth of its own friction law.",
+                         _engines(reached, "contact")),
+                sentence("No timed run of {} is accurate to {} there.",
+                         listed(_not_timed(cost, reached, first), last=" or "), MILLIMETRE),
+                _limited(equal, cost["scene"].nunique()), _accelerations(cost, first), _set_up(cost), _unsure(cost),
+                _load(results.table("times"))]
     tables = [_table(cost, rows, str(scene), first) for scene, rows in equal.groupby("scene", sort=False)]
-    return Presentation(_answer(cost, reached, first), tuple(filter(None, findings)),
-                        _headlines(results, cost, reached, first), (*tables, _limits(cost, equal), _every_run(cost)),
-                        (_figure(cost),), NOTES)
+    every = (Column("scene"), Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
+             Column("status"), Column("reason"), Column(TOTAL, "CPU", "ms", scale=MILLI, second=OWN_CPU),
+             Column(SET_UP, "set-up", "ms", scale=MILLI, form=".2g"), Column(ERROR, "position error"),
+             Column("order, position [-]", "order"), Column("torque error, L1 mean [N m]", "torque error, mean"),
+             Column("event time error [s]", "event time error"), Column(TIMING))
+    runs = view("cost-all", "Every run of the refinement series.", cost, every, source="cost", in_report=False)
+    return Presentation(_answer(cost, reached, first), findings, _headlines(results, cost, reached, first),
+                        [*tables, _limits(cost, equal), runs], [_figure(cost)], NOTES)
 
 
 def _measured(cost: pd.DataFrame) -> pd.Series:
@@ -109,7 +116,6 @@ def _measured(cost: pd.DataFrame) -> pd.Series:
 
 
 def _is_timed(cost: pd.DataFrame) -> pd.Series:
-    """The runs that have a time."""
     return cost[TOTAL].notna() & cost["repeats"].gt(0)
 
 
@@ -126,26 +132,25 @@ def _times_to_position(results: Results, cost: pd.DataFrame) -> pd.DataFrame:
     return equal[there].assign(**{"at most": equal["at most"].eq(True), "steps": equal["variant"].isin(steps)})
 
 
+def _sign(time: Mapping[Hashable, Any], bound: str) -> str:
+    """The sign of a bound, and `UNSURE` where the time is."""
+    return bound + (UNSURE if isinstance(time[TIMING], str) and time[TIMING] else "")
+
+
 def _bounded(rows: pd.DataFrame, label: int) -> TracedText:
     """A total time to an error in ms, with ``≤`` where the coarsest run already meets it, and `UNSURE`."""
     sign = _sign(rows.loc[label].to_dict(), "≤ " if rows.at[label, "at most"] else "")
     return traced(sign + "{}", scaled_value("equal-error", rows, label, TOTAL))
 
 
-def _sign(time: Mapping[Hashable, Any], bound: str) -> str:
-    """The sign of a bound, and `UNSURE` where the time is."""
-    return bound + (UNSURE if isinstance(time[TIMING], str) and time[TIMING] else "")
+def _range(rows: pd.DataFrame) -> TracedText:
+    ends = dict.fromkeys((rows[TOTAL].idxmin(), rows[TOTAL].idxmax())) if len(rows) else ()
+    return listed([_bounded(rows, label) for label in ends], last=" to ")
 
 
 def _engines(reached: pd.DataFrame, fidelity: str) -> TracedText:
-    """The least and the largest total time of external engines with steps at a fidelity."""
+    """`_range` of external engines with steps."""
     return _range(reached[reached["steps"] & (reached["fidelity"] == fidelity)])
-
-
-def _range(rows: pd.DataFrame) -> TracedText:
-    """The least and the largest total time."""
-    ends = dict.fromkeys((rows[TOTAL].idxmin(), rows[TOTAL].idxmax())) if len(rows) else ()
-    return listed([_bounded(rows, label) for label in ends], last=" to ")
 
 
 def _answer(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> TracedText:
@@ -160,19 +165,8 @@ def _answer(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> TracedText
                   listed(parts or [traced("engines {} ms", _range(reached))]))
 
 
-def _contacts(reached: pd.DataFrame) -> TracedText:
-    return sentence("Engines with contacts take {} ms to it, each against the truth of its own friction law.",
-                    _engines(reached, "contact"))
-
-
-def _not_reached(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> TracedText:
-    """External engines whose timed runs all have a larger error; whether a finer one would do is not known."""
-    names = _not_timed(cost, reached, first)
-    return sentence("No timed run of {} is accurate to {} there.", listed(names, last=" or "), MILLIMETRE)
-
-
 def _not_timed(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> list[str]:
-    """Names of the external engines without a timed run that is accurate to `TARGET`."""
+    """Names of the external engines without a timed run that is accurate to `TARGET`; a finer one might be."""
     timed = cost[_measured(cost) & _is_timed(cost) & (cost["scene"] == first)]
     timed = timed[(timed["parameter"] == "dt") & (timed["engine"] != REFERENCE)]
     return [called(variant) for variant in dict.fromkeys(timed["variant"]) if variant not in set(reached["variant"])]
@@ -304,40 +298,24 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
     return view("cost-limits", caption, rows, columns, source="cost", in_report=False)
 
 
-def _every_run(cost: pd.DataFrame) -> TableView:
-    columns = (Column("scene"), Column("variant", "method"), Column("parameter", "refined by"),
-               Column("step", form="g"), Column("status"), Column("reason"),
-               Column(TOTAL, "CPU", "ms", scale=MILLI, second=OWN_CPU),
-               Column(SET_UP, "set-up", "ms", scale=MILLI, form=".2g"), Column(ERROR, "position error"),
-               Column("order, position [-]", "order"), Column("torque error, L1 mean [N m]", "torque error, mean"),
-               Column("event time error [s]", "event time error"), Column(TIMING))
-    return view("cost-all", "Every run of the refinement series.", cost, columns, source="cost", in_report=False)
-
-
 def _figure(cost: pd.DataFrame) -> Chart:
-    """Error over total time, a row of panels per group of methods that may be compared, a line a method."""
+    """Error over total time, of the first variant of each engine, fidelity and method; others change a setting."""
     drawn = cost[_measured(cost) & _is_timed(cost) & cost[ERROR].gt(0)]
-    drawn = drawn[drawn["variant"].isin(_methods(drawn))]
+    method = drawn["settings"].map(lambda settings: json.loads(settings).get("method"), na_action="ignore").fillna("")
+    first = drawn.assign(method=method).drop_duplicates(["engine", "fidelity", "method"])
+    drawn = drawn[drawn["variant"].isin(first["variant"])]
     friction, events = (known_of(drawn, column) for column in (FRICTION_BY, EVENTS_BY))
     marks = {variant: " *" * ("adapter" in f"{friction[variant]} {events[variant]}") for variant in friction}
-    scenes, panels = list(dict.fromkeys(drawn["scene"])), []
-    for group, rows in groups(drawn):
-        for scene in scenes:
-            series = [Series(variant + marks[variant], runs[TOTAL].to_numpy(float), runs[ERROR].to_numpy(float),
-                             look=variant, points=True)
-                      for variant, runs in rows[rows["scene"] == scene].groupby("variant", sort=False)]
-            panels.append(Panel(f"{title_of(scene)}; {group}", Axis("total CPU time [s]", log=True),
-                                Axis("position error [m]", log=True), series))
-    return Chart("work-precision", "Position error over total CPU time, a line a refinement series: down and to the "
-                 "left is better. A row of panels holds methods at the same fidelity and physics. *: our adapter does "
-                 "a part of the work, the friction law or the location of events, whose time is included.",
-                 row_by_row(panels, len(scenes) or 1), len(scenes) or 1, ROW_HEIGHT, share_x=True)
 
+    def series(here: pd.DataFrame) -> list[Series]:
+        return [Series(variant + marks[variant], runs[TOTAL].to_numpy(float), runs[ERROR].to_numpy(float), look=variant,
+                       points=True) for variant, runs in here.groupby("variant", sort=False)]
 
-def _methods(rows: pd.DataFrame) -> list[str]:
-    """The first variant of each engine, fidelity and way of solving: others change a setting of it."""
-    way = rows["settings"].map(lambda settings: json.loads(settings).get("method"), na_action="ignore").fillna("")
-    return list(rows.assign(way=way).drop_duplicates(["engine", "fidelity", "way"])["variant"])
+    return chart_by_case(
+        "work-precision", "Position error over total CPU time, a line a refinement series: down and to the left is "
+        "better. A row of panels holds methods at the same fidelity and physics. *: our adapter does a part of the "
+        "work, the friction law or the location of events, whose time is included.", drawn,
+        Axis("total CPU time [s]", log=True), "position error [m]", series)
 
 
 STUDY = Study("cost", "Cost", "What does accuracy cost?", 2, present, plan, seconds=0.5,

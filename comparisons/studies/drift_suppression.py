@@ -8,17 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import pandas as pd
-
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.scene_truth import truth_for
+from stiction.comparisons.presentation import (Column, Number, Presentation, TracedText, listed, ratio, sentence,
+                                               traced, view)
 from stiction.comparisons.presentation.cells import setting_of
-from stiction.comparisons.presentation.presentation import Presentation
-from stiction.comparisons.presentation.table_view import Column, TableView, view
-from stiction.comparisons.presentation.traced_text import Number, TracedText, listed, ratio, traced
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.constraint_drift import POSITION, VELOCITY, above_rounding, drift_size
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -66,48 +63,33 @@ def plan(scope: Scope) -> Comparison[Tables]:
 def present(results: Results) -> Presentation:
     """The engine time that each stabilization takes, and the drift and the error that it leaves."""
     table = results.table("suppression")
+    failed = dict.fromkeys(table.loc[table["status"] != "ok", "variant"] if len(table) else ())
+    without = sentence("Runs that failed: {}.", listed(list(failed)))
     if POSITION not in table or LOW not in table:
-        return Presentation(findings=_failed(table))
+        return Presentation(findings=[without])
     measured = table[table[POSITION].notna() & table[LOW].notna()]
     rows = {run: dict(zip(there["suppression"], map(int, there.index)))
             for run, there in measured.groupby(["parameter", "step"], sort=False)}
-    findings = [_left(table, run, there) for run, there in rows.items()]
-    answer = TracedText("")
+
+    def drifts(run: tuple[str, float], choice: str) -> Number:
+        return drift_size("suppression", table, rows[run][choice], POSITION)
+
+    def time_ratio(run: tuple[str, float], over: str, under: str) -> Number:
+        return ratio("suppression", table, rows[run][over], rows[run][under], OWN_CPU, LOW, HIGH)
+
+    answer, findings = TracedText(), list[TracedText]()
+    for run in rows:
+        way = "the reference" if run[0] == "rtol" else "the paper's scheme"
+        left = [traced("{} m with {}", drifts(run, choice), CHOICES[choice]) for choice in rows[run]]
+        findings.append(traced("At {}, {} drifts by {}.", setting_of(*run), way, listed(left)))
     for run in measured.groupby("parameter", sort=False)["step"].min().items():
-        there = rows[run]
-        if run[0] == "rtol" and {"baumgarte", "projection"} <= there.keys():
+        if run[0] == "rtol" and {"baumgarte", "projection"} <= rows[run].keys():
             answer = traced("At {} Baumgarte's terms take {} times the engine time of projection and leave {} m of "
-                            "drift, projection {} m.",
-                            setting_of(*run), _share(table, there["baumgarte"], there["projection"]),
-                            *(drift_size("suppression", table, there[choice], POSITION)
-                              for choice in ("baumgarte", "projection")))
-        if {"none", "projection"} <= there.keys():
+                            "drift, projection {} m.", setting_of(*run), time_ratio(run, "baumgarte", "projection"),
+                            drifts(run, "baumgarte"), drifts(run, "projection"))
+        if {"none", "projection"} <= rows[run].keys():
             findings.append(traced("At {} projection takes {} times the engine time without stabilization.",
-                                   setting_of(*run), _share(table, there["projection"], there["none"])))
-    notes = ("Drift is read at the output instants, as in the comparison of methods. The reference projects after each "
-             "step; between steps it interpolates.",)
-    return Presentation(answer, (*findings, *_failed(table)), (), _tables(table), (), notes)
-
-
-def _left(table: pd.DataFrame, run: tuple[str, float], rows: dict[str, int]) -> TracedText:
-    """The drift that each choice leaves."""
-    parts = [traced("{} m with {}", drift_size("suppression", table, row, POSITION), CHOICES[choice])
-             for choice, row in rows.items()]
-    way = "the reference" if run[0] == "rtol" else "the paper's scheme"
-    return traced("At {}, {} drifts by {}.", setting_of(*run), way, listed(parts))
-
-
-def _share(table: pd.DataFrame, over: int, under: int) -> Number:
-    """The ratio of the engine times of two runs."""
-    return ratio("suppression", table, over, under, OWN_CPU, LOW, HIGH)
-
-
-def _failed(table: pd.DataFrame) -> tuple[TracedText, ...]:
-    failed = table[table["status"] != "ok"] if "status" in table else table
-    return (traced("Runs that failed: {}.", listed(list(dict.fromkeys(failed["variant"])))),) if len(failed) else ()
-
-
-def _tables(table: pd.DataFrame) -> tuple[TableView, TableView]:
+                                   setting_of(*run), time_ratio(run, "projection", "none")))
     half = (table[HIGH] - table[OWN_CPU]).combine(table[OWN_CPU] - table[LOW], max)
     settings = [setting_of(*run) for run in zip(table["parameter"], table["step"])]
     columns = (Column("variant", "method, stabilization"), Column("setting"),
@@ -118,9 +100,12 @@ def _tables(table: pd.DataFrame) -> tuple[TableView, TableView]:
                Column("reason", brief=False))
     shown = view("suppression", "Cost, drift and error of the reference and of the paper's scheme, by stabilization; "
                  "all else is equal.", above_rounding(table.assign(half=half, setting=settings)), columns)
-    everything = [Column(name) for name in table if name not in ("settings", "version", "key")]
-    return shown, view("suppression-all", "Every run behind the stabilizations.", table, everything,
-                       source="suppression", in_report=False)
+    every = [Column(name) for name in table if name not in ("settings", "version", "key")]
+    runs = view("suppression-all", "Every run behind the stabilizations.", table, every, source="suppression",
+                in_report=False)
+    return Presentation(answer, [*findings, without], tables=[shown, runs], notes=[
+        "Drift is read at the output instants, as in the comparison of methods. The reference projects after each "
+        "step; between steps it interpolates."])
 
 
 STUDY = Study("suppression", "Stabilization", "What does each stabilization cost and yield?", 8, present, plan,

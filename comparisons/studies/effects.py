@@ -21,7 +21,7 @@ from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.measures.accuracy import graph, is_known
 from stiction.comparisons.measures.distances import l1, sup_at
 from stiction.comparisons.methods import MISSING_ENGINE, called
-from stiction.comparisons.presentation import (Column, Number, Presentation, TableView, TracedText, interval, listed,
+from stiction.comparisons.presentation import (Column, Number, Presentation, TracedText, interval, joined, listed,
                                                sentence, traced, value, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -105,19 +105,15 @@ def effects_comparison(scene: Scene, variants: Sequence[Variant] = (REFERENCE,),
 
     def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
         baselines = {run.variant.label: timing for run, timing in zip(runs, timings) if run.name == BASELINE}
+        assembled = [block.name for block in blocks(runs[0].scene) if block.elements]
         for run, record, timing in zip(runs, records, timings):
-            yield {**record.describe(), "effect": run.name, **_left_out(run.scene, runs[0].scene),
+            there = {block.name for block in blocks(run.scene) if block.elements}
+            yield {**record.describe(), "effect": run.name,
+                   LEFT_OUT: ", ".join(name for name in assembled if name not in there), PAIRS: hlcp_size(run.scene),
                    **_events(record.trajectory), **_changes(timing, baselines[run.variant.label], drive),
                    **cost_of(timing)}
 
     return timed_comparison(scene, runs, t_end, repeats, rows)
-
-
-def _left_out(scene: Scene, baseline: Scene) -> dict[str, Any]:
-    """Blocks of the equations, as `stiction explain` names them, that only the baseline has; size of the HLCP."""
-    there = {block.name for block in blocks(scene) if block.elements}
-    missing = [block.name for block in blocks(baseline) if block.elements and block.name not in there]
-    return {LEFT_OUT: ", ".join(missing), PAIRS: hlcp_size(scene)}
 
 
 def _events(trajectory: Trajectory | None) -> dict[str, Any]:
@@ -167,7 +163,8 @@ def plan(scope: Scope) -> Comparison[Tables]:
 def present(results: Results) -> Presentation:
     """Engine time of the scene without each effect over the baseline's, and the other changes that go with it."""
     table = results.table("effects")
-    failed = tuple(_failed(table)) if len(table) else ()
+    failed = [traced("{} failed: {}.", called(variant), listed(list(rows["effect"]))) for variant, rows in
+              table[~table["status"].isin(["ok", MISSING_ENGINE])].groupby("variant", sort=False)] if len(table) else []
     if RATIO not in table or not (table["effect"] == BASELINE).any():
         return Presentation(findings=failed)
     table[HALF] = np.maximum(table[RATIO] - table[LOW], table[HIGH] - table[RATIO])  # of a symmetric interval around it
@@ -179,9 +176,8 @@ def present(results: Results) -> Presentation:
              for row in faster.sort_values(RATIO).index[:3]]
     baumgarte = [value("effects", table, int(row), RATIO, ".2g")
                  for row in own.index[own["effect"].str.startswith(BAUMGARTE)]]
-    answer = listed([*filter(None, [
-        sentence("Of its time with all effects the reference takes {}.", listed(parts)),
-        sentence("Baumgarte's terms instead of projection take {} times as long.", listed(baumgarte))])], " ", " ")
+    answer = joined(sentence("Of its time with all effects the reference takes {}.", listed(parts)),
+                    sentence("Baumgarte's terms instead of projection take {} times as long.", listed(baumgarte)))
     longer = [traced("{} without {}", _ratio(table, row), _named(table.at[row, "effect"])) for row in slower.index]
     findings = [*_promise(table, faster),
                 sentence("Leaving an effect out can cost more time, as the motion changes: {}.", listed(longer)),
@@ -192,7 +188,18 @@ def present(results: Results) -> Presentation:
     notes = ("The time is that inside the engine's own calls, all of it for the reference, over that of the baseline, "
              "which has all effects of the scene and projection against drift. With its effect the motion changes, "
              "too, so that a scene may take longer without one. Other engines ignore the stabilization of a scene.",)
-    return Presentation(answer, tuple(filter(None, findings)), (), _tables(table), (), notes)
+    columns = (Column("effect"), Column(RATIO, "engine time, of baseline", uncertainty=HALF, interval=True),
+               Column(MOTION, "position change"), Column("stick events"), Column("rhs [-]", "right-hand sides"),
+               Column(PAIRS, "HLCP pairs"), Column(LEFT_OUT, brief=False),
+               Column("velocity change [m/s]", "velocity change", brief=False),
+               Column("effort change, L1 mean [N, N m]", "effort change, mean", brief=False),
+               Column("reason", brief=False))
+    shown = view("effects", "The scene without each of its effects, and with other stabilizations than projection. "
+                 "Time inside the engine's own calls over the baseline's, which comes first; position: largest change "
+                 "of any body.", table, columns, group="variant" if table["variant"].nunique() > 1 else "")
+    every = [Column(name) for name in table if name not in ("settings", "version", "key", HALF)]
+    runs = view("effects-all", "Every run behind the effects.", table, every, source="effects", in_report=False)
+    return Presentation(answer, findings, tables=[shown, runs], notes=notes)
 
 
 def _named(effect: str) -> str:
@@ -218,29 +225,6 @@ def _promise(table: pd.DataFrame, faster: pd.DataFrame) -> list[TracedText]:
             traced("Its HLCP goes from {} to {} pairs, and engine time to {}, with {} instead of {} right-hand sides. "
                    "Its motion changes by up to {} m.",
                    *pairs, _ratio(table, row), *evaluations, value("effects", table, row, MOTION))]
-
-
-def _failed(table: pd.DataFrame) -> Iterator[TracedText]:
-    """The effects without a run, by method."""
-    failed = table[~table["status"].isin(["ok", MISSING_ENGINE])]
-    for variant, rows in failed.groupby("variant", sort=False):
-        yield traced("{} failed: {}.", called(variant), listed(list(rows["effect"])))
-
-
-def _tables(table: pd.DataFrame) -> tuple[TableView, TableView]:
-    """A row per effect, under the names of methods where there are several; and every column."""
-    columns = (Column("effect"), Column(RATIO, "engine time, of baseline", uncertainty=HALF, interval=True),
-               Column(MOTION, "position change"), Column("stick events"), Column("rhs [-]", "right-hand sides"),
-               Column(PAIRS, "HLCP pairs"), Column(LEFT_OUT, brief=False),
-               Column("velocity change [m/s]", "velocity change", brief=False),
-               Column("effort change, L1 mean [N, N m]", "effort change, mean", brief=False),
-               Column("reason", brief=False))
-    caption = ("The scene without each of its effects, and with other stabilizations than projection. Time inside the "
-               "engine's own calls over the baseline's, which comes first; position: largest change of any body.")
-    several = "variant" if table["variant"].nunique() > 1 else ""
-    every = [Column(name) for name in table if name not in ("settings", "version", "key", HALF)]
-    return (view("effects", caption, table, columns, group=several),
-            view("effects-all", "Every run behind the effects.", table, every, source="effects", in_report=False))
 
 
 STUDY = Study("effects", "Effects", "What does a scene cost without each of its effects?", 7, present, plan,

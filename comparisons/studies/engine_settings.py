@@ -24,7 +24,7 @@ from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.measures.drift import rounding_over
 from stiction.comparisons.methods import case_of, succeeded, with_columns
 from stiction.comparisons.presentation import (BETTER, CHOSEN, OTHER, Axis, Chart, Column, Panel, Presentation, Series,
-                                               TableView, TracedText, count, listed, sentence, traced, view)
+                                               TracedText, count, listed, sentence, traced, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import HIGH, LOW, Timed, work_precision
@@ -37,7 +37,7 @@ DRIFT, ROUNDING = "position drift, max [m]", "drift by rounding [m]"
 JUDGED = {ERROR: "position uncertainty [m]", "torque error, L1 mean [N m]": "torque uncertainty [N m]", DRIFT: ROUNDING}
 """Errors that a choice is judged by, and their uncertainties; no torque of a scene without a drive.
 
-The drift is that of all joints and drives, see `drift_table`.
+The drift is that of all joints and drives, see `stiction.comparisons.measures.drift.drift`.
 """
 FACTOR, EVERYWHERE = "time, of the fastest [-]", "better everywhere"
 TIME_RATIO, ERROR_RATIO, FAILED = "time, of the default's [-]", "largest error, of the default's [-]", "failed runs"
@@ -45,7 +45,7 @@ TIME_RATIO_ENDS = f"{TIME_RATIO}, least", f"{TIME_RATIO}, most"
 MORE = 1.01
 """Ratio from which one error counts as larger than another: a solver that has converged leaves less."""
 ENDS = 0.5, 200.0
-"""Of the axis of errors in units of the default's: what lies beyond stands at the edge."""
+"""Ends of the axis of errors in units of the default's: what lies beyond stands at the edge."""
 NOTES = ("One setting is changed at a time. The default is on the front where no other choice is clearly faster with "
          "no larger error of position or torque and no more drift, or clearly more accurate and no slower.",
          "Times are those inside the engine's own calls. A default is one for all mechanisms: "
@@ -59,7 +59,7 @@ class Subject:
     Attributes
     ----------
     choices : Mapping[str, Sequence]
-        By setting the values that are tried; the others stay at their defaults.
+        Values that are tried, by setting; the others stay at their defaults.
     fixed : Mapping[str, Any]
         Settings that make the method, such as the engine's own friction instead of the adapter's.
     """
@@ -156,12 +156,11 @@ def _no_larger(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _smaller(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Test if one of the errors is smaller; where nothing moves, they may be 0."""
+    """True where one of the errors is smaller; where nothing moves, they may be 0."""
     return np.any((MORE * errors <= others) & (errors < others), axis=0)
 
 
 def _measured(table: pd.DataFrame) -> pd.DataFrame:
-    """The runs that have an error."""
     table = with_columns(table, ERROR)
     return table[succeeded(table) & table[ERROR].notna()]
 
@@ -291,12 +290,6 @@ def present(results: Results) -> Presentation:
     where = "on every scene" if table["scene"].nunique() > 1 else f"in {case_of(table['scene'].iloc[0])}"
     finding = (sentence("Better than the default {}: {}.", where, listed(better, "; ", "; "))
                or traced("No other choice is better than its default {}.", where))
-    figures = (_figure(choices, where),) if len(choices) else ()
-    return Presentation(answer, (finding,), (), _tables(table, ranks, choices), figures, NOTES)
-
-
-def _tables(table: pd.DataFrame, ranks: pd.DataFrame, choices: pd.DataFrame) -> tuple[TableView, TableView]:
-    """A row for each method of an engine; a row for each choice, in units of the default."""
     ranks["where"] = ranks["scene"].map(case_of, na_action="ignore")
     columns = (Column(SUBJECT, "engine"), Column(ON_FRONT, "default on the front"), Column(EVERYWHERE),
                Column(FACTOR, "largest gain in time", form=".2g"), Column("choice", "by"), Column("where", "in"),
@@ -309,9 +302,10 @@ def _tables(table: pd.DataFrame, ranks: pd.DataFrame, choices: pd.DataFrame) -> 
              Column(ERROR_RATIO, "largest error, of the default's", form=".2g"), Column(FAILED))
     by_choice = [(row, table[(table[SUBJECT] == row[SUBJECT]) & (table[SETTING] == row[SETTING])])
                  for row in choices.to_dict("records")]
-    return (view("settings", caption, by_method, columns),
-            view("settings-all", "Every choice in units of its default: geometric mean of times over all scenes and "
-                                 "steps, largest error.", by_choice, every, source="settings", in_report=False))
+    tables = [view("settings", caption, by_method, columns),
+              view("settings-all", "Every choice in units of its default: geometric mean of times over all scenes and "
+                   "steps, largest error.", by_choice, every, source="settings", in_report=False)]
+    return Presentation(answer, [finding], (), tables, [_figure(choices, where)], NOTES)
 
 
 def _figure(choices: pd.DataFrame, where: str) -> Chart:

@@ -6,8 +6,8 @@ the truth's uncertainty is above it. The interval of an interpolated time comes 
 round of timing (`stiction.comparisons.timing.rounds`): it has the spread of the times, not that of the errors, which
 are the same in every run.
 
-A series ends at its smallest error. `limit_of` finds its limit from all scenes together, by the order with which the
-errors fall at the finest runs, one for all scenes, with its interval (`order_of`):
+A series ends at its smallest error. `limit_of` finds its limit from the order with which the errors fall at the finest
+runs, one order for all scenes together, with its interval (`order_of`):
 
 - integration: the order is above zero with its whole interval, and on every scene the finest of these runs has a
   smaller error than the first: a finer one would go on; or the step is fixed and only iterations change;
@@ -76,7 +76,7 @@ SMALLEST = "smallest error"
 COLUMNS = ("scene", "truth", "fidelity", "variant", "engine", "quantity", "error", "unit", OWN_CPU, LOW, HIGH,
            TOTAL, TOTAL_LOW, TOTAL_HIGH, LEVEL, TIMING, "at most", SMALLEST, "because", "why", "order [-]",
            "order uncertainty [-]")
-"""Of `equal_error`."""
+"""Columns of `equal_error`."""
 
 
 @dataclass(frozen=True)
@@ -109,9 +109,9 @@ def equal_error(runs: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         `COLUMNS`: ``truth``, its name (that with mus = mu is another); ``quantity`` of `QUANTITIES`, ``error`` in its
-        ``unit``; median and interval of the time to it, inside the engine's own calls and in total, with their
-        `LEVEL`, and `TIMING`, the reason why it is unsure; empty where no run reaches it; ``at most``: the coarsest
-        run already meets it; `SMALLEST` error on this scene; over all scenes the fields of `Limit`.
+        ``unit``; median and interval of the time to it, inside the engine's own calls and in total, empty where no run
+        reaches it; their `LEVEL`, and `TIMING`, the reason why it is unsure; ``at most``: the coarsest run already
+        meets it; `SMALLEST` error on this scene; over all scenes the fields of `Limit`.
     """
     limits = {(quantity.name, variant): limit_of(series, quantity, accelerations_of(series, runs))
               for quantity in QUANTITIES for variant, series in runs.groupby("variant", sort=False)}
@@ -122,7 +122,6 @@ def equal_error(runs: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
 
 def _rows(runs: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity,
           limits: Mapping[tuple[str, str], Limit]) -> Iterator[dict[str, Any]]:
-    """Rows of one scene and quantity."""
     sizes = _sizes(runs[succeeded(runs)], quantity)
     sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
     if sizes.empty:
@@ -198,7 +197,7 @@ def limit_of(series: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFra
     series
         Rows of one variant as `work_precision` makes them, of one scene or of several, from coarse to fine.
     accelerations
-        Those of `accelerations_of`.
+        The yield of `accelerations_of`.
     """
     rows = series[succeeded(series)]
     if rows.empty:

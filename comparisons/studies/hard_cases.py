@@ -51,10 +51,15 @@ def present(results: Results) -> Presentation:
     answer = traced("Right/declined/not judged/degraded/wrong of {} mechanical cases: {}.",
                     count("hard", table, variant=first, topic=topics),
                     listed([traced("{} {}", called(first), cells[first]), *_engines(mechanical, cells)], "; ", "; "))
-    note = _hostile(tried[tried["topic"] == HOSTILE])
-    return Presentation(answer, (), (Headline("hard cases: right/declined/ not judged/degraded/ wrong", cells),),
-                        _tables(table, mechanical, counts), (_heat_map(mechanical, list(counts)),),
-                        (*NOTES, note) if note else NOTES)
+    wide = mechanical.pivot(index="case", columns="variant", values="verdict").fillna("")
+    cases = {str(topic): list(dict.fromkeys(rows["case"])) for topic, rows in mechanical.groupby("topic", sort=False)}
+    order = [case for names in cases.values() for case in names]
+    verdicts = HeatMap("hard-cases", "Verdicts on the mechanical hard cases, by topic: a row a case, a column an "
+                       "installed method.", order, list(counts), wide.loc[order, list(counts)].to_numpy().tolist(),
+                       SIGNS, {topic: len(names) for topic, names in cases.items()})
+    return Presentation(answer, (), [Headline("hard cases: right/declined/ not judged/degraded/ wrong", cells)],
+                        _tables(table, mechanical, counts), [verdicts],
+                        list(filter(None, [*NOTES, _hostile(tried[tried["topic"] == HOSTILE])])))
 
 
 def _engines(mechanical: pd.DataFrame, cells: dict[str, TracedText]) -> list[TracedText]:
@@ -68,8 +73,7 @@ def _engines(mechanical: pd.DataFrame, cells: dict[str, TracedText]) -> list[Tra
     return parts
 
 
-def _tables(table: pd.DataFrame, mechanical: pd.DataFrame,
-            counts: dict[str, dict[str, Number]]) -> tuple[TableView, ...]:
+def _tables(table: pd.DataFrame, mechanical: pd.DataFrame, counts: dict[str, dict[str, Number]]) -> list[TableView]:
     """Counts by method and by topic, the reasons for all answers that are not right, and the truth of each case."""
     by_method = [({"variant": variant, **{name: int(number.text) for name, number in numbers.items()}},
                   table[table["variant"] == variant]) for variant, numbers in counts.items()]
@@ -80,7 +84,7 @@ def _tables(table: pd.DataFrame, mechanical: pd.DataFrame,
     bad = mechanical[mechanical["verdict"].isin(COUNTED["degraded"] | COUNTED["wrong"])]
     reasons = [({"variant": variant, "verdict": verdict, "reason": about, "cases": ", ".join(rows["case"])}, rows)
                for (variant, verdict, about), rows in bad.groupby(["variant", "verdict", "about"], sort=False)]
-    return (view("hard-counts", "Mechanical hard cases by method.", by_method,
+    return [view("hard-counts", "Mechanical hard cases by method.", by_method,
                  (Column("variant", "method"), *map(Column, COUNTED)), source="hard"),
             view("hard-topics", "Right answers by topic.", topics, map(Column, ("topic", "cases", *counts)),
                  source="hard", in_report=False),
@@ -89,7 +93,7 @@ def _tables(table: pd.DataFrame, mechanical: pd.DataFrame,
                  source="hard", in_report=False),
             view("hard-cases", "What must be true of each case, as derived in its scene's file.",
                  table.drop_duplicates("case"), (Column("case"), Column("topic"), Column("must", "must be true")),
-                 source="hard", in_report=False))
+                 source="hard", in_report=False)]
 
 
 def _hostile(hostile: pd.DataFrame) -> str:
@@ -101,16 +105,6 @@ def _hostile(hostile: pd.DataFrame) -> str:
     others = sentence(" Wrong on the others: {}.", listed([f"{variant} {number}" for variant, number in wrong.items()]))
     return (f"Hostile files are {hostile['case'].nunique()} more: our reader refuses {refused} of them before any "
             f"method sees them, so that no method is credited with them.{others.text}")
-
-
-def _heat_map(mechanical: pd.DataFrame, variants: list[str]) -> HeatMap:
-    """Verdicts: a row a case by topic, a column a method."""
-    wide = mechanical.pivot(index="case", columns="variant", values="verdict").fillna("")
-    cases = {topic: list(dict.fromkeys(rows["case"])) for topic, rows in mechanical.groupby("topic", sort=False)}
-    order = [case for names in cases.values() for case in names]
-    return HeatMap("hard-cases", "Verdicts on the mechanical hard cases, by topic: a row a case, a column an installed "
-                   "method.", order, variants, wide.loc[order, variants].to_numpy().tolist(), SIGNS,
-                   {topic: len(names) for topic, names in cases.items()})
 
 
 STUDY = Study("hard", "Hard cases", "Where do methods break down?", 6, present, plan, seconds=0.15, takes_scene=False,

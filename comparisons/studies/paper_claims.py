@@ -1,4 +1,4 @@
-"""The paper's sentences about its example, measured on the truth and on runs of its HLCP scheme.
+"""The paper's sentences about its example: which hold on the truth, and which on runs of its HLCP scheme.
 
 Source: Zhuang & Wang, Acta Mech. Sin. 30(3), 437-446 (2014); ``data/paper_claims.toml`` quotes each sentence with its
 place. A measure with a margin, positive where the claim holds, is taken of four stretches of motion: the truth from the
@@ -19,11 +19,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison
+from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
+from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.measures.claim_measures import CORNERS, EFFORT, LINE, MEASURES, ClaimMargin, Example
 from stiction.comparisons.measures.drift_growth import BOUNDED, INCONCLUSIVE, ROUNDED
 from stiction.comparisons.measures.steady_stretch import Stretch, run_stretch, steady_stretch, truth_stretch
-from stiction.comparisons.studies.stabilization_drift import LENGTHS, NONE, PAPERS, drift_findings, longest, run_name
+from stiction.comparisons.presentation import Column, Presentation, TracedText, count, listed, traced, view
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.stabilization_drift import (LENGTHS, NONE, PAPERS, drift_findings,
+                                                              drift_study_comparison, longest, run_name)
+from stiction.comparisons.studies.stick_threshold import STUDY as THRESHOLD_STUDY
+from stiction.comparisons.studies.stick_threshold import TRUTH
+from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import HIGH_PRECISION, NoMotion, StickThreshold, slider_bar_truth
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState, stick_threshold
@@ -34,6 +41,12 @@ from stiction.scenes import Scene, Trajectory, scene_to_toml, vary
 
 HOLDS, STEADY, PARTLY, FAILS = "holds", "holds in the steady state only", "partly", "does not hold"
 CONTRADICTS, NOT_TESTABLE, UNDECIDED = "contradicts itself", "not testable", "not decided"
+WORDS = {HOLDS: ("holds", "hold"), STEADY: ("holds in the steady state only", "hold in the steady state only"),
+         PARTLY: ("holds partly", "hold partly"), CONTRADICTS: ("contradicts itself", "contradict themselves"),
+         FAILS: ("does not hold", "do not hold"), NOT_TESTABLE: ("is not testable", "are not testable"),
+         UNDECIDED: ("is not decided", "are not decided")}
+"""Each verdict after 1 and after another number."""
+MARGIN = "margin, "
 
 RUN, FROM_START = 80.0, 24.0
 """Seconds of a run of the scheme, whose last period is its steady state, and of the stretch from the start.
@@ -80,8 +93,7 @@ class Claim:
             return ClaimMargin(float("nan"), str(error))
 
 
-_FILE = resources.files("stiction.comparisons") / "data" / "paper_claims.toml"
-_QUOTED = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+_QUOTED = tomllib.loads((resources.files("stiction.comparisons") / "data" / "paper_claims.toml").read_text("utf-8"))
 CHOICES: Mapping[str, Mapping[str, Any]] = _QUOTED["choices"]
 """Values that the paper does not give, as overrides of `stiction.scenes.vary`; the first choice is ours."""
 
@@ -139,18 +151,17 @@ def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> 
     for row, claim in enumerate(claims()):
         first.setdefault(claim.case, row)
 
-    def part(case: str, outcome: Outcome) -> pd.DataFrame:
-        if outcome.value is not None:
-            return outcome.value.assign(status="ok", reason="")
-        return pd.DataFrame({"case": case, "place": "", "claim": f"[all about case {case}]", "verdict": UNDECIDED,
-                             "why": outcome.reason, "status": outcome.status, "reason": outcome.reason}, [first[case]])
-
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        parts = [part(case, outcome) for case, outcome in zip(first, outcomes, strict=True)]
+        parts = []
+        for case, outcome in zip(first, outcomes, strict=True):
+            failed = {"case": case, "place": "", "claim": f"[all about case {case}]", "verdict": UNDECIDED,
+                      "why": outcome.reason}
+            found = pd.DataFrame(failed, [first[case]]) if outcome.value is None else outcome.value
+            parts.append(found.assign(status=outcome.status, reason=outcome.reason))
         return pd.concat(parts).sort_index().reset_index(drop=True)
 
-    tasks = [Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in first]
-    return Comparison(tuple(tasks), tabulate)
+    return Comparison(tuple(Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in first),
+                      tabulate)
 
 
 def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: str) -> pd.DataFrame:
@@ -213,12 +224,11 @@ def _examine(claim: Claim, views: Views) -> dict[str, Any]:
         return {"verdict": NOT_TESTABLE, "why": claim.why}
     found = findings(claim, views)
     said = verdict(claim, found)
-    margin = _QUOTED["margin"][claim.measure].format(LINE=LINE, **claim.arguments) + claim.remark
-    row: dict[str, Any] = {"verdict": said, "why": claim.contradiction if said == CONTRADICTS else "",
-                           "margin is": margin}
-    row |= {f"margin, {name}": finding.margin for name, finding in found.items()}
-    row |= {f"found, {name}": finding.words for name, finding in found.items()}
-    return row | (_needs(claim, views) if said in (HOLDS, STEADY, CONTRADICTS) else {})
+    return {"verdict": said, "why": claim.contradiction if said == CONTRADICTS else "",
+            "margin is": _QUOTED["margin"][claim.measure].format(LINE=LINE, **claim.arguments) + claim.remark,
+            **{f"margin, {name}": finding.margin for name, finding in found.items()},
+            **{f"found, {name}": finding.words for name, finding in found.items()},
+            **(_needs(claim, views) if said in (HOLDS, STEADY, CONTRADICTS) else {})}
 
 
 def findings(claim: Claim, views: Views, truths_only: bool = False) -> dict[str, ClaimMargin]:
@@ -250,10 +260,7 @@ def verdict(claim: Claim, found: Mapping[str, ClaimMargin]) -> str:
 
 
 def _needs(claim: Claim, views: Views) -> dict[str, Any]:
-    """The shortest run from which on the claim holds in every period, and the largest step with which it does.
-
-    The steps are those of `STEPS`; the claim holds in the last period with each from the largest on.
-    """
+    """The shortest run from which on the claim holds in every period, and the largest step from which on it does."""
     def held(step: float, age: float) -> bool:
         view = partial(views.beginning, step) if claim.beginning else partial(views.period, step, age)
         return claim.measured(views, view).holds
@@ -292,11 +299,8 @@ def sensitivity(cases: Mapping[int, Scene], overrides: Mapping[str, Any]) -> Sen
     varied = {case: vary(scene, overrides) if overrides else scene for case, scene in cases.items()}
     threshold = stick_threshold(varied[1])
     views = Views(varied, threshold)
-    numbers, reasons = dict[str, float](), list[str]()
-    if threshold.F0 is None:
-        reasons.append(threshold.note)
-    else:
-        numbers[THRESHOLD] = threshold.F0
+    numbers = {} if threshold.F0 is None else {THRESHOLD: threshold.F0}
+    reasons = [threshold.note] if threshold.F0 is None else []
     verdicts = {f"case {claim.case}: {claim.words}": verdict(claim, findings(claim, views, truths_only=True))
                 for claim in claims() if claim.measure}
     for case in varied:
@@ -324,24 +328,71 @@ def sensitivity_comparison(cases: Mapping[int, Scene]) -> Comparison[pd.DataFram
                               **({} if outcome.value is None else _changes(outcome.value, ours))}
                              for choice, outcome in zip(CHOICES, outcomes, strict=True)])
 
-    tasks = [Task(f"sensitivity/{choice}", sensitivity, (dict(cases), overrides))
-             for choice, overrides in CHOICES.items()]
-    return Comparison(tuple(tasks), tabulate)
+    return Comparison(tuple(Task(f"sensitivity/{choice}", sensitivity, (dict(cases), overrides))
+                            for choice, overrides in CHOICES.items()), tabulate)
 
 
 def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:
-    """Columns of one choice against ours."""
     if ours is None:
         of_claims = of_numbers = "not known: the first choice has no result"
     else:
         before = {words: ours.verdicts.get(words, UNDECIDED) for words in found.verdicts}
         of_claims = "; ".join(f"\"{textwrap.shorten(words, 90, placeholder=' ..')}\" {said} (was: {before[words]})"
                               for words, said in found.verdicts.items() if said != before[words]) or "none"
-        of_numbers = "; ".join(f"{name.rpartition(' [')[0]} {_change(old, found.numbers[name])}"
-                               for name, old in ours.numbers.items() if name in found.numbers
-                               and abs(found.numbers[name] - old) > SAMPLING * abs(old)) or "none"
+        changed = {name.rpartition(" [")[0]: (old, new) for name, old in ours.numbers.items()
+                   if abs((new := found.numbers.get(name, old)) - old) > SAMPLING * abs(old)}
+        of_numbers = "; ".join(f"{name} {100 * (new / old - 1):+.2g} %" if old else f"{name} {new:.3g} (was: 0)"
+                               for name, (old, new) in changed.items()) or "none"
     return {"reason": found.reason, "claims that change": of_claims, "numbers that change": of_numbers, **found.numbers}
 
 
-def _change(before: float, after: float) -> str:
-    return f"{100 * (after / before - 1):+.2g} %" if before else f"{after:.3g} (was: 0)"
+def plan(scope: Scope) -> Comparison[Tables]:
+    """Statements about the motion, about drift on the runs of its study, and at full depth about open choices."""
+    cases = dict(enumerate(scope.scenes, 1))
+    parts: list[Comparison[Any]] = [claims_comparison(cases, scope.known[TRUTH][True]),
+                                    drift_study_comparison(cases, scope.depth)]
+    if extent(scope.depth).sensitivity:
+        parts.append(sensitivity_comparison(cases))
+
+    def tables(found: list[Any]) -> Tables:
+        motion, drift, *open_choices = found
+        about_drift = pd.DataFrame(drift_claims(drift.tables["study"], scope.scenes[0].name))
+        every = pd.concat([motion, about_drift.assign(status="ok", reason="")], ignore_index=True)
+        return Tables({"claims": every, **dict(zip(["sensitivity"], open_choices))})
+
+    return side_by_side(parts, tables)
+
+
+def present(results: Results) -> Presentation:
+    """The number of statements with each verdict, and those that do not simply hold, in full."""
+    table = results.table("claims")
+    if table.empty:
+        return Presentation()
+    said = [traced("{} {}", number, words[number.text != "1"]) for verdict, words in WORDS.items()
+            if (number := count("claims", table, verdict=verdict)).text != "0"]
+    answer = traced("Of {} statements of the paper {}.", count("claims", table), listed(said))
+    rarest = table.sort_values("verdict", key=lambda verdicts: verdicts.map(verdicts.value_counts()), kind="stable")
+    stretches = [str(column) for column in table if str(column).startswith(MARGIN)]
+    rarest["margins"] = ["; ".join(f"{name.removeprefix(MARGIN)}: {row[name]:.2g}" for name in stretches
+                                   if pd.notna(row[name])) for row in rarest.to_dict("records")]
+    short = (Column("case"), Column("verdict"), Column("claim", "statement"))
+    columns = (*short, Column("place", "where"), Column("margins"), Column("run needed [s]", "run needed"),
+               Column("step needed [s]", "step needed"))
+    tables = [view("claims-open", "The paper's statements about its example (Sect. 5) that do not simply hold.",
+                   rarest[rarest["verdict"] != HOLDS], short, source="claims"),
+              view("claims", "All statements of the paper about its example, the rarest verdicts first.", rarest,
+                   columns, in_report=False)]
+    open_choices, choices = TracedText(), results.table("sensitivity")
+    if len(choices):
+        changed = choices.get("claims that change", pd.Series(dtype=object)).dropna()
+        open_choices = traced("Of {} choices that the paper leaves open, {} change a verdict.",
+                              count("sensitivity", choices), str((changed != "none").sum()))
+        every = [Column(str(name)) for name in choices if name not in ("status", "reason")]
+        tables.append(view("sensitivity", "What the paper leaves open, decided otherwise: the truth's numbers, and "
+                           "statements whose verdict changes.", choices, every, in_report=False))
+    return Presentation(answer, [open_choices], tables=tables,
+                        notes=["A margin is how far a statement is from failing; negative where it fails."])
+
+
+STUDY = Study("claims", "The paper", "Does what the paper says hold?", 9, present, plan, THRESHOLD_STUDY.requires,
+              seconds=5.5, compared=False)

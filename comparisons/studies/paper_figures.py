@@ -20,7 +20,7 @@ from stiction.scenes.pictures.mechanism import parameters_in_words
 
 TIME = "$t$ [s]"
 SAMPLES = 2401
-"""Of a truth, over the whole of its time: every 10 ms of 24 s."""
+"""Samples of a truth, over the whole of its time: every 10 ms of 24 s."""
 CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
 """In the order of the paper's figures."""
 FIRST_FIGURE = 5
@@ -44,26 +44,16 @@ SETS = (FigureSet("velocity-acceleration", "velocity and acceleration of the sli
 
 
 def present(results: Results) -> Presentation:
-    """The pictures alone."""
-    scenes = list(dict.fromkeys(record.scene for record in results.records))
-    series = (chart for scene in scenes for chart in _time_series(results, scene))
-    return Presentation(figures=(*_mechanisms(scenes), *series))
-
-
-def _mechanisms(scenes: list[str]) -> Iterator[MechanismPicture]:
-    """Each distinct mechanism once: cases that differ in loads alone look the same."""
-    drawn: list[object] = []
-    for name in scenes:
-        if name not in catalogue():
-            continue
-        scene = load_scene(name)
-        shape = (scene.bodies, scene.joints)
-        if shape in drawn:
-            continue
-        drawn.append(shape)
-        given = f" In SI units: {parameters_in_words(scene)}." if scene.parameters else ""
-        yield MechanismPicture(f"mechanism-{name}", f"The mechanism of {case_of(name)} at t = 0, the corners of its "
-                               f"slider numbered as in the paper.{given}", name)
+    """Each distinct mechanism once, as cases that differ in loads alone look the same; then the time series."""
+    names, shapes, mechanisms = list(dict.fromkeys(record.scene for record in results.records)), [], []
+    for name, scene in {name: load_scene(name) for name in names if name in catalogue()}.items():
+        if (shape := (scene.bodies, scene.joints)) not in shapes:
+            shapes.append(shape)
+            given = f" In SI units: {parameters_in_words(scene)}." if scene.parameters else ""
+            mechanisms.append(MechanismPicture(
+                f"mechanism-{name}", f"The mechanism of {case_of(name)} at t = 0, the corners of its slider numbered "
+                f"as in the paper.{given}", name))
+    return Presentation(figures=[*mechanisms, *(chart for name in names for chart in _time_series(results, name))])
 
 
 def _time_series(results: Results, scene: str) -> Iterator[Chart]:
@@ -78,12 +68,11 @@ def _time_series(results: Results, scene: str) -> Iterator[Chart]:
             number = FIRST_FIGURE + len(SETS) * CASES.index(scene) + place
             name, caption = f"fig{number:02d}-{name}", f"{caption} (the paper's Fig. {number})"
         t = frame["t"].to_numpy()
-        time = Axis(TIME, limits=(0.0, float(t[-1])))
-        panels = [Panel("", time, Axis(words), [Series(label, t, frame[column].to_numpy())], shades=stick_phases(truth))
+        time, shades = Axis(TIME, limits=(0.0, float(t[-1]))), stick_phases(truth)
+        panels = [Panel("", time, Axis(words), [Series(label, t, frame[column].to_numpy())], shades=shades)
                   for column, words in known.items()]
-        shaded = "Grey: stick phases of the truth." if stick_phases(truth) else "There are no stick phases."
-        yield Chart(name, f"{caption}. {shaded}", panels,
-                    columns=2 if len(panels) > 2 else 1, height=1.35)
+        shaded = "Grey: stick phases of the truth." if shades else "There are no stick phases."
+        yield Chart(name, f"{caption}. {shaded}", panels, columns=2 if len(panels) > 2 else 1, height=1.35)
 
 
 def _reference(records: list[Record], truth: Truth | None) -> tuple[str, pd.DataFrame]:

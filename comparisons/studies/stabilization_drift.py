@@ -10,7 +10,7 @@ itself disturbs the motion.
 Residuals by rounding grow where a coordinate does. The method adds four terms to each coordinate in each step, which
 moves a residual by up to 4 ulp(q)/2 per unit of its derivative. A displacement delta per step settles at
 delta/h 2 alpha/beta^2, the integral of the answer of Phi'' + 2 alpha Phi' + beta^2 Phi = 0 to Phi = delta. The angle of
-a bar that turns grows for ever, and so does its ulp: at small steps that is all that is left of drift, and a run that
+a bar that turns grows for ever, and so does its ulp. At small steps that is all that is left of drift: a run that
 starts with the angle of a later time has the later time's drift from the beginning.
 """
 
@@ -32,10 +32,8 @@ from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import rounding_of
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth
 from stiction.comparisons.methods import case_of
-from stiction.comparisons.presentation.charts import Axis, Chart, Panel, Series
-from stiction.comparisons.presentation.presentation import Presentation
-from stiction.comparisons.presentation.table_view import Column, TableView, view
-from stiction.comparisons.presentation.traced_text import Number, TracedText, count, listed, traced, value
+from stiction.comparisons.presentation import (Axis, Chart, Column, Number, Panel, Presentation, Series, TableView,
+                                               TracedText, count, listed, traced, value, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.constraint_drift import POSITION, VELOCITY, above_rounding, drift_size
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -284,11 +282,22 @@ def present(results: Results) -> Presentation:
     if IN_SHORT not in study:
         return Presentation()
     sizes, harmed = _price(study)
-    findings = filter(None, (*(_laws(study, choice, words) for choice, words in CALLED.items()), harmed))
+    findings = [*(_laws(study, choice, words) for choice, words in CALLED.items()), harmed]
     scenes = octaves.loc[octaves["to [s]"] > SHORT, "scene"].unique() if len(octaves) else ()
-    figures = tuple(_figure(study[study["scene"] == scene], octaves[octaves["scene"] == scene],
-                            f"drift-{scene}" if number else "fig14-drift") for number, scene in enumerate(scenes))
-    return Presentation(sizes, tuple(findings), (), (_by_choice(study), _all_runs(study)), figures, (_why_harm(),))
+    figures = [_figure(study[study["scene"] == scene], octaves[octaves["scene"] == scene],
+                       f"drift-{scene}" if number else "fig14-drift") for number, scene in enumerate(scenes)]
+    laws = [column for length in LENGTHS for column in (
+        Column(f"growth, {length:g} s"),
+        Column(f"exponent of growth, {length:g} s [-]", f"power, {length:g} s",
+               uncertainty=f"interval of the exponent, {length:g} s [-]", interval=True))]
+    columns = (Column("scene"), Column("choice"), Column("step", unit="s", form="g"),
+               Column("time [s]", "time", "s", form="g"), Column(IN_SHORT, "drift in 24 s", "m, rad"),
+               Column(POSITION, "drift", "m, rad"), Column(VELOCITY, "velocity drift", "m/s"),
+               Column(ERROR, "position error in 24 s", "m"), Column(DRIFT_RATIO, "drift / that without"),
+               Column(ERROR_RATIO, "error / that without"), *laws, Column("status"), Column("reason"))
+    runs = view("study-all", "Every run of the paper's scheme; drift and position error in 24 s, and their ratio to "
+                "those without stabilization.", study, columns, source="study", in_report=False)
+    return Presentation(sizes, findings, (), [_by_choice(study), runs], figures, [_why_harm()])
 
 
 def _laws(study: pd.DataFrame, choice: Choice, words: str) -> TracedText:
@@ -300,15 +309,12 @@ def _laws(study: pd.DataFrame, choice: Choice, words: str) -> TracedText:
     length = max(lengths)
     runs = runs[runs["time [s]"] >= length]
     laws = runs[f"growth, {length:g} s"].fillna("")
-
-    def number(rows: pd.DataFrame) -> Number:
-        return count("study", study, run=frozenset(rows["run"]))
-
-    found = [traced(phrase, number(runs[laws == law])) for law, phrase in LAWS.items() if (laws == law).any()]
+    found = [traced(phrase, count("study", study, run=frozenset(runs.loc[laws == law, "run"])))
+             for law, phrase in LAWS.items() if (laws == law).any()]
     ends = [_milliseconds(study, int(row)) for row in (runs["step"].idxmin(), runs["step"].idxmax())]
     cases = listed([case_of(scene) for scene in runs["scene"].unique()])
-    sentence = traced("{}, drift {} of {} runs of {} s ({}; {} ms)",
-                      words, listed(found), number(runs), f"{length:g}", cases, _span(ends))
+    sentence = traced("{}, drift {} of {} runs of {} s ({}; {} ms)", words, listed(found),
+                      count("study", study, run=frozenset(runs["run"])), f"{length:g}", cases, _span(ends))
     powers = runs.loc[laws == GROWS, f"exponent of growth, {length:g} s [-]"].dropna()
     if len(powers):
         ends = [value("study", study, int(row), powers.name, ".3g") for row in (powers.idxmin(), powers.idxmax())]
@@ -371,20 +377,6 @@ def _by_choice(study: pd.DataFrame) -> TableView:
     return view("study", f"Largest drift of the paper's scheme in 24 s, {case_of(scene)}, and the laws of its growth "
                 "at all steps that were tried. In brackets alpha and beta, 1/s.",
                 frame, columns, source="study", rows=behind)
-
-
-def _all_runs(study: pd.DataFrame) -> TableView:
-    laws = [column for length in LENGTHS for column in (
-        Column(f"growth, {length:g} s"),
-        Column(f"exponent of growth, {length:g} s [-]", f"power, {length:g} s",
-               uncertainty=f"interval of the exponent, {length:g} s [-]", interval=True))]
-    columns = (Column("scene"), Column("choice"), Column("step", unit="s", form="g"),
-               Column("time [s]", "time", "s", form="g"), Column(IN_SHORT, "drift in 24 s", "m, rad"),
-               Column(POSITION, "drift", "m, rad"), Column(VELOCITY, "velocity drift", "m/s"),
-               Column(ERROR, "position error in 24 s", "m"), Column(DRIFT_RATIO, "drift / that without"),
-               Column(ERROR_RATIO, "error / that without"), *laws, Column("status"), Column("reason"))
-    return view("study-all", "Every run of the paper's scheme; drift and position error in 24 s, and their ratio to "
-                "those without stabilization.", study, columns, source="study", in_report=False)
 
 
 def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:

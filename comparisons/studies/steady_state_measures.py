@@ -56,10 +56,9 @@ class SteadyRun:
     settle, t_end : float
         Seconds between which the motion must come to rest or repeat itself.
     rtol : float
-        Relative tolerance: of a run without fixed steps, and, times `REPEATS`, of a motion that repeats itself.
-    engine, fidelity : str
+        Relative tolerance of a run without fixed steps; times `REPEATS` that of a motion that repeats itself.
     dt : float or None
-        Largest step of a run with fixed steps (s); of an engine that has no others `COMMON_STEP` where None.
+        Largest step of a run with fixed steps, s; an engine without tolerance takes `COMMON_STEP` where None.
     """
 
     settle: float
@@ -74,7 +73,7 @@ class SteadyRun:
         return self.engine == "reference" and self.dt is None
 
     def step(self, scene: Scene) -> float | None:
-        """Return the largest step on a scene (s); None for a run with a tolerance."""
+        """Return the largest step on a scene, s; None for a run with a tolerance."""
         if self.dt is not None or load_engine(self.engine).capabilities.adaptive:
             return self.dt
         return COMMON_STEP * time_factor(scene, self.t_end)
@@ -87,17 +86,15 @@ class SteadyWindow:
     Attributes
     ----------
     integration : Integration
-        Of the reference, for forces in the contact mode at the end of the run.
+        The reference's, which has the forces in the contact mode at the end of the run.
     whole : Run or Trajectory
         The run at equally spaced instants, of which a period is a whole number.
     located : bool
-        Whether it has the events of its motion.
-    settle, end : float
-        Seconds between which the motion must repeat itself.
+        True if it has the events of its motion.
+    settle, end, rtol : float
+        See `SteadyRun`; the end is that of the run.
     period : float
-        Of loads and drives, s; inf where they are constant, nan where they are not periodic.
-    rtol : float
-        See `SteadyRun`.
+        The common one of loads and drives, s; inf where they are constant, nan where they are not periodic.
     """
 
     scene: Scene
@@ -179,10 +176,7 @@ class SteadyWindow:
         return bool(is_uniform and np.any(self._shift(self.end - self.whole.t[0], q[-1] - q[0])))
 
     def _order(self, period: float, q: np.ndarray, v: np.ndarray) -> int:
-        """Number of periods in which the motion repeats itself.
-
-        Its states are given at multiples of a period, the last at the end.
-        """
+        """Number of periods in which a motion repeats itself, from its states every period, the last at the end."""
         if len(q) < LEAST_PASSES:
             raise NotSettled(f"fewer than {LEAST_PASSES - 1} periods of {period:g} s to look at")
         for order in range(1, min(MOST_PERIODS, len(q) // LEAST_PASSES) + 1):
@@ -250,13 +244,13 @@ class Measure:
     Attributes
     ----------
     function : callable
-        Of a window, and of the name of the column of its run that the number is of. Its docstring says what it is.
+        Yields the number of a window, from the column of its run that is named. Its docstring says what it is.
     needs : str or None
-        What of the scene must not be empty: ``"guides"``, ``"frictional_guides"``, ``"drives"``.
+        A part of the scene that must not be empty: ``"guides"``, ``"frictional_guides"``, ``"drives"``.
     of : str
         Column of the first of these, such as ``"effort"``.
     sampled : bool
-        Whether it needs samples all over the window, or events and ends suffice.
+        True if it needs samples all over the window, False if events and ends suffice.
     """
 
     name: str
@@ -319,7 +313,7 @@ MEASURES = {measure.name: measure for measure in (
     Measure("peak-torque", "N m", peak, needs="drives", of="effort", sampled=True),
     Measure("peak-speed", "m/s", peak, needs="guides", of="slip_velocity", sampled=True),
     Measure("event-count", "-", event_count))}
-"""Those of peaks are of the first drive (N of a distance drive) and of the first guide's slider along its guide."""
+"""Peaks are those of the first drive (N of a distance drive) and of the first guide's slider along its guide."""
 
 
 def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> SteadyWindow:
@@ -367,30 +361,23 @@ def _instants(settle: float, t_end: float, period: float, longest: float) -> np.
     """Equally spaced samples up to `t_end`, in a periodic motion `longest` seconds apart at most."""
     if not period < np.inf:
         return np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
-    if periods := _whole_periods(t_end - settle, period):
-        return np.linspace(t_end - periods * period, t_end, periods * _samples_of_period(period, longest) + 1)
-    return np.array([settle, t_end])
+    periods, samples = _whole_periods(t_end - settle, period, longest)
+    return np.linspace(t_end - periods * period, t_end, samples + 1) if periods else np.array([settle, t_end])
 
 
-def _whole_periods(time: float, period: float) -> int:
-    return int(time / period * (1 + 1e-12))
-
-
-def _samples_of_period(period: float, longest: float) -> int:
-    """Number of samples of a period whose distance is at most `longest` seconds."""
-    return max(FEWEST_SAMPLES, int(np.ceil(period / longest)))
+def _whole_periods(time: float, period: float, longest: float) -> tuple[int, int]:
+    """Number of periods in a time, and of samples in them that are `longest` seconds apart at most."""
+    periods = int(time / period * (1 + 1e-12))
+    return periods, periods * max(FEWEST_SAMPLES, int(np.ceil(period / longest)))
 
 
 def _window_of_engine(scene: Scene, run: SteadyRun, period: float) -> SteadyWindow:
-    """Simulate up to the last whole period, with samples and steps of which a period is a whole number.
-
-    The distance of samples is the shortest stick phase, `SHORTEST_STICK`: two steps at least.
-    """
+    """Simulate up to the last whole period, which is a whole number of samples, and each of them of steps."""
     largest_step = run.step(scene)
-    finest = max(SHORTEST_STICK, 2 * (largest_step or 0.0))
+    finest = max(SHORTEST_STICK, 2 * (largest_step or 0.0))  # two steps at least
     if period <= run.t_end:
-        periods = _whole_periods(run.t_end, period)
-        end, count = periods * period, periods * _samples_of_period(period, finest)
+        periods, count = _whole_periods(run.t_end, period, finest)
+        end = periods * period
     else:
         end, count = run.t_end, int(np.ceil(run.t_end / finest))
     sample_step = end / count

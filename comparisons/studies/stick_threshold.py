@@ -13,10 +13,8 @@ from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import extent, threshold_variants
 from stiction.comparisons.measures.settling import MOST_PERIODS, SETTLED, NotSettled, common_period, settled
 from stiction.comparisons.methods import MISSING_ENGINE, called
-from stiction.comparisons.presentation.charts import Axis, Chart, Panel, Series
-from stiction.comparisons.presentation.presentation import Headline, Presentation
-from stiction.comparisons.presentation.table_view import Column, view
-from stiction.comparisons.presentation.traced_text import Number, TracedText, interval, listed, traced
+from stiction.comparisons.presentation import (Axis, Chart, Column, Headline, Number, Panel, Presentation, Series,
+                                               TracedText, interval, listed, traced, view)
 from stiction.comparisons.proof.theorems import with_theorem
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables

@@ -20,8 +20,7 @@ import pandas as pd
 from stiction.comparisons.campaigns.comparison import Comparison, make
 from stiction.comparisons.complementarity.problems import Problem
 from stiction.comparisons.depth import Depth
-from stiction.comparisons.presentation.charts import Chart, Figure
-from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.presentation import Chart, Presentation
 from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.variants import Record
@@ -41,11 +40,9 @@ class Scope:
     t_end : float or None
         Seconds; each scene's own where None.
     repeats : int or None
-        Rounds in which what is timed is timed at least; those of the depth where None.
-    options : Mapping
-        Options of the study's own, by name.
-    known : Mapping
-        What `Study.requires` have yielded, by their names.
+        Least number of rounds of timing; that of the depth where None.
+    options, known : Mapping
+        Options of the study's own, and the yields of `Study.requires`, by name.
     """
 
     scenes: tuple[Scene, ...]
@@ -75,34 +72,31 @@ class Study:
     Attributes
     ----------
     name : str
-        Of its main table, of its command, and of its file.
+        The name of its main table and of its command.
     title : str
-        A word or three: above its answer on page one and on the terminal.
+        A word or three that stand above its answer on page one and on the terminal.
     question : str
-        Heading of its section.
+        The heading of its section.
     place : float
-        In the order of the report: sections ascend.
-    plan : callable or None
-        The runs within a `Scope` and what tabulates them; None at a depth that leaves the study out, and for a study
-        of others' tables.
+        Sections of the report ascend by it.
     present : callable
-        What the tables say, from all results: those of a stored run as well, and of a run without some studies or
-        engines.
+        Says what the tables say; the results may be of a stored run, and may lack some studies or engines.
+    plan : callable or None
+        Returns the runs within a `Scope`, or None at a depth that leaves the study out; None for a study of others'
+        tables.
     requires : Mapping
-        By name, comparisons that must be made before `plan`: their yields are `Scope.known`.
+        Comparisons by name that are made before `plan`, which has their yields in `Scope.known`.
     seconds : float
-        CPU seconds that a run takes, roughly: for the estimate of the time that is left, and nothing else.
+        CPU seconds that a run takes, roughly, for the estimate of the time that is left.
     on_page_one : bool
-        Whether its answer is one of the few of page one; its headlines are columns there in any case.
+        True if page one has its answer; its headlines are columns there in any case.
     compared : bool
-        Whether `stiction compare NAME` has it: not where it is about the paper's own cases.
-    takes_scene : bool
-        Whether that command takes a scene.
-    needs_scene : bool
-        Whether it must be given one: not where the study has scenes of its own.
+        True if it is a command of `stiction compare`, which one about the paper's own cases is not.
+    takes_scene, needs_scene : bool
+        True if that command takes a scene, and if it must be given one.
     takes : frozenset of str
-        Fields and options of a `Scope` that `plan` makes use of; any other option of the command is refused, and so
-        are several scenes without ``scenes``.
+        Fields and options of a `Scope` that `plan` uses; the command refuses others, and several scenes without
+        ``scenes``.
     """
 
     name: str
@@ -120,13 +114,11 @@ class Study:
     takes: frozenset[str] = frozenset({"engines", "t_end"})
 
     def presented(self, results: Results) -> Presentation:
-        """Return what the tables say, without charts that have no point."""
+        """Return what the tables say, without empty findings and without charts that have no point."""
         said = self.present(results)
-        return replace(said, figures=tuple(figure for figure in said.figures if _has_points(figure)))
-
-
-def _has_points(figure: Figure) -> bool:
-    return not isinstance(figure, Chart) or any(len(one.x) for panel in figure.panels for one in panel.series)
+        figures = [figure for figure in said.figures if not isinstance(figure, Chart)
+                   or any(len(series.x) for panel in figure.panels for series in panel.series)]
+        return replace(said, findings=list(filter(None, said.findings)), figures=figures)
 
 
 @cache

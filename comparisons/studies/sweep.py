@@ -29,9 +29,7 @@ from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled, c
 from stiction.comparisons.studies.steady_state_measures import (CONTRACTION, MEASURES, REPEATS, Measure, SteadyRun,
                                                                 steady_window)
 from stiction.comparisons.studies.stick_threshold import AMPLITUDE, WITH_STICK, WITHOUT_STICK, Search, measure_threshold
-from stiction.engines.isolation import Isolate, Outcome, Task, isolate
-from stiction.engines.protocol import Refused
-from stiction.engines.registry import EngineMissing, load_engine
+from stiction.engines import EngineMissing, Isolate, Outcome, Refused, Task, isolate, load_engine
 from stiction.reference_impl.multibody.initial_state import with_consistent_start
 from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
 from stiction.scenes.expressions import evaluate
@@ -115,7 +113,7 @@ class Specification:
     axes : tuple of SweepAxis
         The last one varies fastest.
     measures : tuple of str
-        Of `MEASURES`, or ``"threshold"``: largest F0 with a stick phase, along the axes that are not F0.
+        Names in `MEASURES`, or ``"threshold"``: largest F0 with a stick phase, along the axes that are not F0.
     run : SteadyRun
         The run of each point.
     timeout_s : float
@@ -176,7 +174,7 @@ class Specification:
 
     @property
     def run_measures(self) -> list[Measure]:
-        """Those that are numbers of a run."""
+        """The measures that are numbers of a run."""
         return [MEASURES[name] for name in self.measures if name != THRESHOLD]
 
     @property

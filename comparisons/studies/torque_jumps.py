@@ -11,21 +11,20 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import REFERENCE
-from stiction.comparisons.measures.scene_truth import truth_for
-from stiction.comparisons.measures.torque_jumps import BOUND, FARTHEST, LATEST, torque_table
+from stiction.comparisons.measures.scene_truth import truths_for
+from stiction.comparisons.measures.torque_jumps import BOUND, FARTHEST, LATEST, counterpart, torque_table
 from stiction.comparisons.methods import (at_equal_step, called, case_of, groups, methods, one_per_variant,
                                           representatives, title_of)
+from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Headline, Number, Panel, Presentation,
+                                               Series, TableView, TracedText, count, joined, listed, sentence, traced,
+                                               value, view)
 from stiction.comparisons.presentation.cells import setting_of
-from stiction.comparisons.presentation.charts import TRUTH, Axis, Chart, Panel, Series
-from stiction.comparisons.presentation.presentation import Headline, Presentation
-from stiction.comparisons.presentation.table_view import Column, TableView, view
-from stiction.comparisons.presentation.traced_text import Number, TracedText, count, listed, traced, value
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.accuracy import ROW_HEIGHT, compared_runs, step_chart
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.uncertain import rounded_up
-from stiction.comparisons.variants import UNMADE, Record, has_static_coefficient, time_factor
+from stiction.comparisons.variants import UNMADE, Record, time_factor
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Event, InputError, Scene
 
@@ -58,7 +57,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
         jumps, windows, all_truths = [], [], dict[str, Truth]()
         for scene in scope.scenes:
             own = [record for record in records if record.scene == scene.name]
-            truths = truths_of(scene, own, scope.t_end)
+            truths = truths_for(scene, own, scope.t_end)
             all_truths |= truths
             jumps.append(torque_table(own, truths, efforts[scene.name]))
             windows.append(windows_table(own, truths, efforts[scene.name], time_factor(scene, scope.t_end)))
@@ -78,14 +77,6 @@ def drive_of(scene: Scene, name: str | None) -> str:
     return next(iter(scene.drives)) if name is None else name
 
 
-def truths_of(scene: Scene, records: Sequence[Record], t_end: float | None) -> dict[str, Truth]:
-    """The truth of the physics of each run, by key; of a run that failed, if another one with its physics did not."""
-    has_mus = {record.key: has_static_coefficient(record.variant) for record in records}
-    by_physics = {static: truth_for(scene, [one for one in records if has_mus[one.key] == static], t_end, static)
-                  for static in set(has_mus.values())}
-    return {key: by_physics[static] for key, static in has_mus.items()}
-
-
 def windows_table(records: Sequence[Record], truths: Mapping[str, Truth], effort: str,
                   factor: float = 1.0) -> pd.DataFrame:
     """The effort around the largest reversal and the largest stick event of a scene: one run per method, and the truth.
@@ -103,21 +94,18 @@ def windows_table(records: Sequence[Record], truths: Mapping[str, Truth], effort
     rows = []
     for number, wanted in enumerate(largest_events(next(iter(known.values())), effort) if known else ()):
         for name, truth in known.items():
-            event = counterpart(truth, wanted, effort, half)
+            event = counterpart(truth.events, wanted, effort, half)
             if event is None:
                 continue
             t = event.time + np.linspace(-half, half, 2 * round(HALF_WINDOW / TRUTH_STEP) + 1)
             t = t[(t >= 0) & (t <= truth.t_end)]
-            samples: dict[tuple[str, str | None], pd.DataFrame] = {
-                (TRUTH, None): _window(t, truth(t)[effort], truth.events, event.time, half, effort)}
-            for record in chosen:
-                run = record.trajectory
-                if run is not None and truths[record.key].scene == name and effort in run:
-                    window = _window(run.t, run[effort], run.events, event.time, half, effort)
-                    samples[record.variant.label, record.key] = window
-            for (variant, key), window in samples.items():
-                rows.append(window.assign(scene=records[0].scene, variant=variant, key=key, truth=name, event=number,
-                                          kind=event.kind, **{"event time [s]": event.time}))
+            about = {"scene": records[0].scene, "truth": name, "event": number, "kind": event.kind,
+                     "event time [s]": event.time}
+            rows.append(_window(t, truth(t)[effort], truth.events, event.time, half, effort).assign(
+                variant=TRUTH, key=None, **about))
+            rows += [_window(run.t, run[effort], run.events, event.time, half, effort).assign(
+                variant=record.variant.label, key=record.key, **about) for record in chosen
+                if (run := record.trajectory) is not None and truths[record.key].scene == name and effort in run]
     order = ["scene", "variant", "key", "truth", "event", "kind", "event time [s]", "t [s]", "effort [N m]"]
     return pd.concat(rows, ignore_index=True)[order] if rows else pd.DataFrame()
 
@@ -129,14 +117,6 @@ def largest_events(truth: Truth, effort: str) -> list[Event]:
         events = [event for event in truth.events if event.kind == kind and effort in event.before]
         found += sorted(events, key=lambda event: -abs(event.jump(effort)))[:1]
     return found
-
-
-def counterpart(truth: Truth, event: Event, effort: str, reach: float) -> Event | None:
-    """The event of a truth that is of the same kind and nearest in time, if it is within reach (s)."""
-    alike = [other for other in truth.events
-             if (other.kind, other.joint) == (event.kind, event.joint) and effort in other.before]
-    nearest = min(alike, key=lambda other: abs(other.time - event.time), default=None)
-    return nearest if nearest is not None and abs(nearest.time - event.time) <= reach else None
 
 
 def _window(t: np.ndarray, values: np.ndarray, events: Iterable[Event], centre: float, half: float,
@@ -175,23 +155,21 @@ def present(results: Results) -> Presentation:
     if found.empty:
         return Presentation()
     read = _spans(found, "share", lambda method: _counts(table, method))
-    engines = traced("Engines read {}.", listed(read, ", ", ", ")) if read else TracedText("")
-    answer = listed([part for part in (_own(table, found), engines) if part], " ", " ")
+    answer = joined(_own(table, found), sentence("Engines read {}.", listed(read, ", ", ", ")))
     headline = Headline("jumps read, worst bound [N m]", {
         method.variant: traced("{}, {}", _counts(table, method), _bound(method)) for method in found.itertuples()})
     chosen = list(found["variant"])
     over_step = step_chart("torque", "Bound for the error of the worst jump over the step; a jump that is not read "
                            "counts with its whole size. Dotted: the slope of first order.",
                            summed_up(table, "key"), chosen, BOUND, "bound [N m]")
-    figures = (_events_figure(results.table(WINDOWS), table, chosen), over_step)
     notes = (f"A jump counts as read if it is found within {1e3 * LATEST:g} ms of its time, beyond the uncertainty of "
              f"that, and is off by less than {100 * FARTHEST:g} % of its size. "
              "A jump that is not read counts with its whole size at least.",
              "Bound: the largest error and its uncertainty together, over all jumps of the truth; rounded up.",
              "Methods that locate events have both sides of a jump; of others it is read off samples every 2 ms.")
-    return Presentation(answer, tuple(_findings(table, found)), (headline,),
-                        (_by_method(table, equal, found), *_by_scene(table)),
-                        tuple(figure for figure in figures if figure.panels), notes)
+    return Presentation(answer, _findings(table, found), [headline],
+                        [_by_method(table, equal, found), *_by_scene(table)],
+                        [_events_figure(results.table(WINDOWS), table, chosen), over_step], notes)
 
 
 def _counted(table: pd.DataFrame, method: Any, *is_read: bool) -> Number:
@@ -211,15 +189,14 @@ def _bound(method: Any) -> Number:
 def _own(table: pd.DataFrame, found: pd.DataFrame) -> TracedText:
     """The methods of the reference, each with its worst jump."""
     own = list(found[found["engine"] == REFERENCE].itertuples())
-    if not own:
-        return TracedText("")
-    parts = [traced("{} reads {} jumps within {} N m", called(own[0].variant), _counts(table, own[0]), _bound(own[0]))]
+    parts = [traced("{} reads {} jumps within {} N m", called(method.variant), _counts(table, method), _bound(method))
+             for method in own[:1]]
     for method in own[1:]:
         is_alike = (method.read, method.jumps) == (own[0].read, own[0].jumps)
         read = "" if is_alike else traced("{} ", _counts(table, method))
         parts.append(traced("{} {}within {}", called(method.variant), read, _bound(method)))
-    sentence = traced("{}.", listed(parts, ", ", ", "))
-    return replace(sentence, text=sentence.text[:1].upper() + sentence.text[1:])
+    said = sentence("{}.", listed(parts, ", ", ", "))
+    return replace(said, text=said.text[:1].upper() + said.text[1:])
 
 
 def _spans(found: pd.DataFrame, column: str, words: Callable[[Any], TracedText], unit: str = "") -> list[TracedText]:
@@ -234,16 +211,15 @@ def _spans(found: pd.DataFrame, column: str, words: Callable[[Any], TracedText],
     return parts
 
 
-def _findings(table: pd.DataFrame, found: pd.DataFrame) -> Iterator[TracedText]:
+def _findings(table: pd.DataFrame, found: pd.DataFrame) -> list[TracedText]:
     sizes = table[TRUE_JUMP].abs()
     ends = [value("torque", table, int(row), TRUE_JUMP, ".2g") for row in (sizes.idxmin(), sizes.idxmax())]
-    yield traced("The true jumps measure {} to {} N m.", *ends)
-    if bounds := _spans(found, BOUND, lambda method: traced("{}", _bound(method)), " N m"):
-        yield traced("The worst jump of an engine is off by at most {}.", listed(bounds, ", ", ", "))
+    bounds = _spans(found, BOUND, lambda method: traced("{}", _bound(method)), " N m")
     unread = [traced("{} ({} of {})", called(method.variant), _counted(table, method, False),
                      _counted(table, method, True, False)) for method in found[found["share"] < 1].itertuples()]
-    if unread:
-        yield traced("Jumps that were not read: {}.", listed(unread))
+    return [traced("The true jumps measure {} to {} N m.", *ends),
+            sentence("The worst jump of an engine is off by at most {}.", listed(bounds, ", ", ", ")),
+            sentence("Jumps that were not read: {}.", listed(unread))]
 
 
 def _by_method(table: pd.DataFrame, equal: pd.DataFrame, found: pd.DataFrame) -> TableView:
@@ -251,23 +227,22 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, found: pd.DataFrame) ->
     cases = summed_up(equal, "variant", "scene")
     cases["text"] = [f"{case.read}/{case.jumps}, {case.bound}" for case in cases.itertuples()]
     texts, methods_found = cases.pivot(index="variant", columns="scene", values="text"), found.set_index("variant")
-    rows, behind = [], []
+    rows = []
     for group, there in groups(table):
         for variant in (name for name in there["variant"].unique() if name in methods_found.index):
             method = methods_found.loc[variant]
-            rows.append({"group": group, "method": variant, "run": setting_of(method["parameter"], method["step"]),
-                         **method[["read", "jumps", BOUND, "bound"]], **texts.loc[variant].rename(case_of)})
-            behind.append(equal.index[(equal["variant"] == variant) & equal[BOUND].notna()] + 1)
+            rows.append(({"group": group, "method": variant, "run": setting_of(method["parameter"], method["step"]),
+                          **method[["read", "jumps", BOUND, "bound"]], **texts.loc[variant].rename(case_of)},
+                         equal[(equal["variant"] == variant) & equal[BOUND].notna()]))
     columns = (Column("method"), Column("run", brief=False), Column("read", form=".0f"),
                Column("jumps", "of", form=".0f"), Column("bound", unit="N m"),
                *(Column(case_of(scene), unit="N m") for scene in table["scene"].unique()))
     return view("torque", "Jumps of the driving torque that each method reads at the step nearest to 1 ms or the "
                 "tightest tolerance, and a bound for the error of the worst; by case: read/all, bound.",
-                pd.DataFrame(rows), columns, source="torque", rows=behind, group="group")
+                rows, columns, group="group")
 
 
 def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
-    """All runs of a scene, a row per run."""
     columns = (Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
                Column("read", form=".0f"), Column("jumps", "of", form=".0f"), Column("bound", unit="N m"),
                Column(LATE, "largest time error", "s"), Column("status"), Column("reason"))
@@ -281,9 +256,8 @@ def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
 
 
 def _events_figure(windows: pd.DataFrame, table: pd.DataFrame, chosen: Sequence[str]) -> Chart:
-    """The driving torque around a reversal and a stick event: a row per group of methods, a column per event."""
-    events = shown_events(windows)
-    panels = []
+    """A row of panels per group of methods, a column per event."""
+    events, panels = shown_events(windows), list[Panel]()
     for name, rows in groups(table) if events else ():
         variants = [variant for variant in dict.fromkeys(rows["variant"]) if variant in chosen]
         label = f"{name}\ndriving torque [N m]"
@@ -300,11 +274,10 @@ def shown_events(windows: pd.DataFrame) -> list[tuple[str, int]]:
     """Scene and number of the events to show: those of the first scene, then the largest of each other scene."""
     if windows.empty:
         return []
-    truth = windows[windows["variant"] == TRUTH]
+    truth, first_scene = windows[windows["variant"] == TRUTH], windows["scene"].iloc[0]
     sizes = truth.groupby(["scene", "event"], sort=False)["effort [N m]"].agg(np.ptp)
-    first = [event for event in sizes.index if event[0] == windows["scene"].iloc[0]]
-    others = [part.idxmax() for scene, part in sizes.groupby(level="scene", sort=False)
-              if scene != windows["scene"].iloc[0]]
+    first = [event for event in sizes.index if event[0] == first_scene]
+    others = [part.idxmax() for scene, part in sizes.groupby(level="scene", sort=False) if scene != first_scene]
     return [*first, *sorted(others, key=lambda event: -sizes[event])][:MOST_EVENTS]
 
 

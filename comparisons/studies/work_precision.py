@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.measures.accuracy import WRONG, errors, graph, size_of, truth_graph
 from stiction.comparisons.measures.distances import hausdorff
-from stiction.comparisons.measures.scene_truth import truth_for
+from stiction.comparisons.measures.scene_truth import truths_for
 from stiction.comparisons.methods import succeeded
 from stiction.comparisons.studies.study import Tables
 from stiction.comparisons.timing.rounds import Timing
@@ -106,21 +106,18 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     budget_s
         CPU seconds that the rounds of one series may take. Finer runs have an error and no time; `TIMING` says why.
     """
-    static = {variant.label: has_static_coefficient(variant) for variant in variants}
     size = size_of(scene)
 
     def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
-        by_physics = {has_mus: [record for record in records if static[record.variant.label] == has_mus]
-                      for has_mus in set(static.values())}
-        truths = {has_mus: truth_for(scene, alike, t_end, has_mus) for has_mus, alike in by_physics.items()}
+        truths = truths_for(scene, records, t_end)
         for record, timing in zip(records, timings):
-            run, truth = record.trajectory, truths[static[record.variant.label]]
+            run, truth = record.trajectory, truths[record.key]
             row = {**record.describe(), **cost_of(timing), **errors(run, truth, size)}
             if row["status"] != WRONG and run is not None and len(run.t) > 1 and truth.tier != NO_TRUTH:
-                row |= {**_distances(run, truth), **_end_state(run, truth)}
+                row |= _distances(run, truth)
             yield row
 
-    runs = [TimedRun(physics_of(scene, static[variant.label]), variant, step)
+    runs = [TimedRun(physics_of(scene, has_static_coefficient(variant)), variant, step)
             for variant in variants for step in variant.ladder]
     found = timed_comparison(scene, runs, t_end, repeats, rows, budget_s)
     return found.then(lambda timed: replace(timed, table=_with_orders(timed.table)))
@@ -138,14 +135,14 @@ def cost_of(timing: Timing | None) -> dict[str, Any]:
 
 
 def _distances(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
-    """Distances of the motion other than the largest errors: mean over time (L1), and Hausdorff distance of graphs.
+    """Columns of other distances than the largest errors, and the functional of the grid convergence index.
 
-    The mean is over the output instants. The graphs are those of the coordinate with the largest error, time in
-    seconds, values in units of their range; its uncertainty is that of straight lines between the output instants.
+    These are means over the output instants (L1), and the Hausdorff distance of the graphs of the coordinate with the
+    largest error: time in seconds, values in units of their range, straight lines between the output instants. The
+    functional is x at the end, of the body that moves most along x in truth.
     """
     row: dict[str, Any] = {}
-    t = trajectory.t
-    exact = truth(t)
+    t, exact = trajectory.t, truth(trajectory.t)
     for label, suffixes, unit in (("position", ("x", "y"), "m"), ("velocity", ("vx", "vy"), "m/s")):
         size = {name: np.abs(trajectory[name] - exact[name]) for name in exact
                 if name.rpartition(".")[2] in suffixes and name in trajectory}
@@ -157,15 +154,9 @@ def _distances(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
         distance = hausdorff(graph(trajectory, worst), truth_graph(truth, worst, t), 1.0, scale)
         row |= {f"{label} error, L1 mean [{unit}]": max(means), f"{label} Hausdorff distance [-]": distance.value,
                 f"{label} Hausdorff uncertainty [-]": distance.uncertainty}
-    return row
-
-
-def _end_state(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
-    """The functional of the grid convergence index: x at the end, of the body that moves most along x in truth."""
-    exact = truth(trajectory.t)
     name = max((column for column in exact if column.endswith(".x") and column in trajectory),
                key=lambda column: float(np.ptp(exact[column])))
-    return {"functional": f"{name}(t_end)", "functional value [m]": float(trajectory[name][-1])}
+    return row | {"functional": f"{name}(t_end)", "functional value [m]": float(trajectory[name][-1])}
 
 
 def _with_orders(table: pd.DataFrame) -> pd.DataFrame:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import singledispatch
-from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -15,8 +14,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
-from stiction.comparisons.presentation.charts import (BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap,
-                                                      MechanismPicture, Panel, Series)
+from stiction.comparisons.presentation import (BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap,
+                                               MechanismPicture, Panel)
 from stiction.comparisons.results import Results
 from stiction.reports.figures.style import (COLORS, SHADE, TRUTH_COLOR, Drawing, Look, legend, letter, looks_of, narrow,
                                             panels, tick_at, variants_of, width)
@@ -93,29 +92,22 @@ def _draw_panel(ax: Axes, panel: Panel, looks: Mapping[str, Look], handles: dict
     for x in panel.lines:
         ax.axvline(x, zorder=1, **OWN_LOOKS[LIMIT].line())
     for series in panel.series:
-        style = _style(series, looks.get(series.look) or OWN_LOOKS.get(series.look, PLAIN))
-        _draw_series(ax, series, style, panel.horizontal)
+        look = looks.get(series.look) or OWN_LOOKS.get(series.look, PLAIN)
+        line = look.line() if series.line else {"color": look.color, "linestyle": "none"}
+        marked = replace(look, fill="none") if series.hollow else look
+        style = {**line, **(marked.points() if series.points else {"marker": ""})}
+        if series.low is None or series.high is None:
+            ax.plot(series.x, series.y, **style)
+        else:
+            middle = series.x if panel.horizontal else series.y
+            spread = np.array([middle - series.low, series.high - middle]).clip(min=0.0)
+            ax.errorbar(series.x, series.y, xerr=spread if panel.horizontal else None,
+                        yerr=None if panel.horizontal else spread, elinewidth=0.8, capsize=1.5, **style)
         if series.label:
             handles.setdefault(series.label, Line2D([], [], **style))
     _set_axis("x", ax.xaxis, panel.x)
     _set_axis("y", ax.yaxis, panel.y)
     ax.set(title=panel.title, xlabel=panel.x.label, ylabel=panel.y.label)
-
-
-def _style(series: Series, look: Look) -> dict[str, Any]:
-    line = look.line() if series.line else {"color": look.color, "linestyle": "none"}
-    marked = replace(look, fill="none") if series.hollow else look
-    return {**line, **(marked.points() if series.points else {"marker": ""})}
-
-
-def _draw_series(ax: Axes, series: Series, style: Mapping[str, Any], horizontal: bool) -> None:
-    if series.low is None or series.high is None:
-        ax.plot(series.x, series.y, **style)
-        return
-    middle = series.x if horizontal else series.y
-    spread = np.array([middle - series.low, series.high - middle]).clip(min=0.0)
-    ax.errorbar(series.x, series.y, xerr=spread if horizontal else None, yerr=None if horizontal else spread,
-                elinewidth=0.8, capsize=1.5, **style)
 
 
 def _set_axis(name: str, axis: MatplotlibAxis, about: Axis) -> None:
@@ -148,7 +140,8 @@ def _(heat: HeatMap, looks: Mapping[str, Look]) -> Drawing:
         for x, category in enumerate(heat.cells[row]):
             if category:
                 sign, color = heat.categories[category]
-                squares.setdefault(color, []).append(_square(x, y))
+                corners = [(x - 0.46, y - 0.44), (x + 0.46, y - 0.44), (x + 0.46, y + 0.44), (x - 0.46, y + 0.44)]
+                squares.setdefault(color, []).append(Path([*corners, corners[0]], closed=True))
                 ax.text(x, y, sign, fontsize=6, va="center", ha="center", color=_contrast(color))
     for color, paths in squares.items():  # one shape for all squares of a colour: a twentieth of the bytes
         ax.add_patch(PathPatch(Path.make_compound_path(*paths), color=color, linewidth=0))
@@ -170,11 +163,6 @@ def _name_rows_and_columns(ax: Axes, lines: Sequence[tuple[str, int | None]], co
     ax.xaxis.tick_top()
     ax.tick_params(length=0, which="both")
     ax.spines[:].set_visible(False)
-
-
-def _square(x: float, y: float) -> Path:
-    corners = [(x - 0.46, y - 0.44), (x + 0.46, y - 0.44), (x + 0.46, y + 0.44), (x - 0.46, y + 0.44)]
-    return Path([*corners, corners[0]], closed=True)
 
 
 def _contrast(color: str) -> str:

@@ -10,8 +10,8 @@ import pandas as pd
 
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.methods import stored_keys
+from stiction.comparisons.presentation import MechanismPicture
 from stiction.comparisons.presentation.cells import MISSING, NULL
-from stiction.comparisons.presentation.charts import MechanismPicture
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED
 from stiction.reports.figures.charts import drawn
 from stiction.reports.figures.style import Drawing, rc, save_all
@@ -53,7 +53,7 @@ def write_report(report: Report, folder: str | Path) -> Path:
     Returns
     -------
     Path
-        Of ``report.md``.
+        That of ``report.md``.
 
     Raises
     ------
@@ -82,7 +82,10 @@ def compose(report: Report, failed: pd.DataFrame, origin: Mapping[str, Any], dra
     results, by_name = report.results, {drawing.name: drawing for drawing in drawings}
     first = next((each.name for each in report.figures if isinstance(each, MechanismPicture)), None)
     picture = figure(by_name.pop(first)) if first else ""
-    parts = [page_one(report, picture, _when(origin)), "## Terms", TERMS,
+    engines = "".join(f", {name} {version}" for name, version in origin["engines"].items())
+    when = (f"Run of {origin['date'][:16].replace('T', ' ')} UTC with stiction {origin['versions']['stiction']}"
+            f"{engines}.")
+    parts = [page_one(report, picture, when), "## Terms", TERMS,
              *(study_section(study, said, by_name) for study, said in report.said.items())]
     if len(failed):
         rows = grouped(failed)[["variant", "status", "runs", "reason"]].rename(columns={"variant": "method"})
@@ -108,12 +111,6 @@ def _truths(accuracy: pd.DataFrame) -> list[str]:
     found = found.sort_values("truth tier", key=lambda tiers: tiers.map(BEST_FIRST.index), kind="stable")
     found[there] = found[there].map(lambda value: MISSING if pd.isna(value) else f"± {value:.1e}")
     return [fitted(found.rename(columns={**columns, "truth tier": "tier"}))]
-
-
-def _when(origin: Mapping[str, Any]) -> str:
-    engines = "".join(f", {name} {version}" for name, version in origin["engines"].items())
-    date = origin["date"][:16].replace("T", " ")
-    return f"Run of {date} UTC with stiction {origin['versions']['stiction']}{engines}."
 
 
 def _provenance(origin: Mapping[str, Any]) -> str:

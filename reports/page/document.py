@@ -54,18 +54,16 @@ def chart(name: str, selects: Sequence[str], views: Sequence[View], hint: str) -
     controls = [f'<label>{escape(words)} <select class="{kind}"></select></label>' for words, kind in kinds]
     controls += [f'<button type="button" class="{kind}" aria-label="{words}">{sign}</button>' for kind, words, sign in
                  (("closer", "Zoom in", "+"), ("wider", "Zoom out", "−"), ("reset", "Reset zoom", "Reset zoom"))]
-    shape = " with-film" if film else "" if modes else " tall"
+    shape, data = " with-film" if film else "" if modes else " tall", []
+    for view in views:
+        text = json.dumps({**view.content, "block": view.columns.packed()}, ensure_ascii=False).replace("</", "<\\/")
+        data.append(f'<script type="application/json" data-labels="{escape(json.dumps(view.labels))}">{text}</script>')
     return (f'<div class="board" id="{name}" tabindex="0" role="group" '
             f'aria-label="{escape(name.replace("-", " "))}, interactive">'
             f'<div class="controls">{"".join(controls)}</div>\n<p class="quiet">{escape(hint)}</p>\n'
             '<details open><summary>Lines</summary><div class="legend"></div></details>\n'
             f'<div class="split{shape}"><div class="panels"></div>{web.film_controls() if film else ""}</div>\n'
-            '<div class="said" aria-live="polite"></div>\n' + "\n".join(map(_view, views)) + "</div>")
-
-
-def _view(view: View) -> str:
-    text = json.dumps({**view.content, "block": view.columns.packed()}, ensure_ascii=False).replace("</", "<\\/")
-    return f'<script type="application/json" data-labels="{escape(json.dumps(view.labels))}">{text}</script>'
+            '<div class="said" aria-live="polite"></div>\n' + "\n".join(data) + "</div>")
 
 
 def paragraph(text: str) -> str:

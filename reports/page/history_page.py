@@ -49,7 +49,12 @@ def write_history_page(history: Path, file: Path) -> None:
                       "logarithms where all are > 0; a gap is a night in which the run failed. Times of different "
                       "machines are different lines."),
             chart("course", ("Metric", "Scene"), list(_views(rows, list(nights["night"]))), HINT)]
-    sections["Nights"] = [_nights(nights, runs)]
+    made, shown = runs.groupby("night")["failed"], nights.fillna("–").iloc[::-1]
+    counts = {"runs": made.size(), "whole": made.size() - made.sum()}
+    for name, count in counts.items():
+        shown[name] = shown["night"].map(count).fillna(0).astype(int).map(str)
+    sections["Nights"] = [table("The nights, the latest first; whole: runs that succeeded and reached their end.",
+                                list(shown), shown.itertuples(index=False), [name in counts for name in shown])]
     failed = runs.loc[runs["failed"], ["night", "key", "status", "reason"]]
     if len(failed):
         shown = failed.sort_values("night", ascending=False, kind="stable").head(MOST_FAILED)
@@ -57,16 +62,6 @@ def write_history_page(history: Path, file: Path) -> None:
         sections["What failed"] = [table(caption, list(shown), shown.itertuples(index=False), [False] * 4)]
     subtitle = f"{len(nights)} nights, {rows['key'].nunique()} runs each at most"
     write_text(file, document("History of the nights", subtitle, sections))
-
-
-def _nights(nights: pd.DataFrame, runs: pd.DataFrame) -> str:
-    made = runs.groupby("night")["failed"]
-    shown = nights.fillna("–").iloc[::-1]
-    counts = {"runs": made.size(), "whole": made.size() - made.sum()}
-    for name, count in counts.items():
-        shown[name] = shown["night"].map(count).fillna(0).astype(int).map(str)
-    return table("The nights, the latest first; whole: runs that succeeded and reached their end.", list(shown),
-                 shown.itertuples(index=False), [name in counts for name in shown])
 
 
 def _views(rows: pd.DataFrame, nights: list[str]) -> Iterator[View]:

@@ -8,8 +8,7 @@ from html import escape
 from pathlib import Path
 
 from stiction.comparisons.atomic_files import write_text
-from stiction.comparisons.presentation.presentation import Presentation
-from stiction.comparisons.presentation.table_view import TableView
+from stiction.comparisons.presentation import TableView
 from stiction.comparisons.recommendation import mechanism_in_words
 from stiction.reports.page.document import chart, details, document, items, paragraph, table
 from stiction.reports.page.time_series import time_series
@@ -33,17 +32,21 @@ def write_run_page(run: StoredRun, file: Path) -> None:
     if views := list(time_series(report.results)):
         sections["Time series"] = [chart("time-series", ("Scene",), views, HINT)]
     for study, said in report.said.items():
-        sections[study.question] = [details(said.answer.text or study.question, "\n".join(_section(run, said)))]
+        blocks = [*(paragraph(part.text) for part in said.findings), *([items(said.notes)] if said.notes else []),
+                  *(_figure(run, figure.name, figure.caption) for figure in said.figures), *map(_table, said.tables)]
+        sections[study.question] = [details(said.answer.text or study.question, "\n".join(blocks))]
     used = dict.fromkeys(key for view in report.tables for key in keys(view))
-    origins = "".join(_origin_of(run, key) for key in used)
-    sections["Where numbers come from"] = [details("Every key of the tables", origins)]
-    sections["Provenance"] = [table("Provenance of the run.", ("what", "value"), _origin(run), (False, False))]
+    sections["Where numbers come from"] = [
+        details("Every key of the tables", "".join(_origin_of(run, key) for key in used))]
+    origin = [("date", run.origin["date"]),
+              *((f"{part}: {name}", str(value)) for part in ("versions", "engines", "machine", "campaign", "choices")
+                for name, value in run.origin[part].items()), ("commit", commit_in_words(run.origin))]
+    sections["Provenance"] = [table("Provenance of the run.", ("what", "value"), origin, (False, False))]
     subtitle = f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}"
     write_text(file, document(TITLE, subtitle, sections))
 
 
 def _page_one(report: Report) -> Iterator[str]:
-    """The mechanism in words, the answer, the table of all methods, and the answers of the studies."""
     yield paragraph(mechanism_in_words(report.results))
     yield from (paragraph(part.text) for part in report.answer)
     headlines = headline_table(report)
@@ -53,14 +56,6 @@ def _page_one(report: Report) -> Iterator[str]:
     yield items(f"**{title}.** {answer.text}" for title, answer in bullets(report))
     if missing := not_installed(report.results):
         yield paragraph(missing)
-
-
-def _section(run: StoredRun, said: Presentation) -> Iterator[str]:
-    yield from (paragraph(part.text) for part in said.findings)
-    if said.notes:
-        yield items(said.notes)
-    yield from (_figure(run, figure.name, figure.caption) for figure in said.figures)
-    yield from map(_table, said.tables)
 
 
 def _figure(run: StoredRun, name: str, caption: str) -> str:
@@ -91,10 +86,3 @@ def _origin_of(run: StoredRun, key: str) -> str:
     runs = source.rows["key"].dropna() if "key" in source.rows and not source.files else ()
     about = "; ".join([source.place, *source.files, *dict.fromkeys(runs)])
     return f'<p id="{_anchor(key)}"><strong>{escape(key)}</strong>: {escape(about)}</p>\n'
-
-
-def _origin(run: StoredRun) -> Iterator[tuple[str, str]]:
-    yield "date", run.origin["date"]
-    for part in ("versions", "engines", "machine", "campaign", "choices"):
-        yield from ((f"{part}: {name}", str(value)) for name, value in run.origin[part].items())
-    yield "commit", commit_in_words(run.origin)

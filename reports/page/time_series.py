@@ -185,7 +185,6 @@ def decimated(frame: pd.DataFrame, ranges: Mapping[str, Sequence[float]]) -> pd.
 
 
 def _one_per(step: float, t: np.ndarray) -> np.ndarray:
-    """The first row of each step."""
     return np.unique(np.floor(t / step + 1e-6), return_index=True)[1]
 
 

@@ -12,9 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.presentation.presentation import Presentation
-from stiction.comparisons.presentation.table_view import TableView
-from stiction.comparisons.presentation.traced_text import TracedText
+from stiction.comparisons.presentation import Presentation, TableView, TracedText
 from stiction.reports.figures.charts import drawn
 from stiction.reports.figures.style import rc, save_all
 from stiction.reports.page_one import TITLE, bullets
@@ -56,7 +54,7 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double", auth
     Returns
     -------
     Path
-        Of ``paper.pdf``.
+        That of ``paper.pdf``.
 
     Raises
     ------

@@ -84,16 +84,13 @@ def _paragraph(text: str) -> str:
 
 def _section(section: Mapping[str, Any], starred: bool) -> str:
     """A section whose figures, over both columns if `starred`, and tables stay within it."""
-    figures = (_figure(figure, "figure*" if starred else "figure") for figure in section["figures"])
+    kind = "figure*" if starred else "figure"
+    figures = (f"\\begin{{{kind}}}[htbp]\n\\centering\n\\includegraphics{{figures/{figure['name']}.pdf}}\n"
+               f"\\caption{{{escape(figure['caption'])}}}\\label{{fig:{figure['name']}}}\n\\end{{{kind}}}\n"
+               for figure in section["figures"])
     tables = (rf"\input{{tables/{table['name']}}}" for table in section["tables"])
     title = rf"\section{{{escape(section['title'])}}}"
     return "\n".join([title, _paragraph(section["text"]), "", *figures, *tables, r"\FloatBarrier", ""])
-
-
-def _figure(figure: Mapping[str, str], kind: str) -> str:
-    """The PDF in its own size."""
-    return (f"\\begin{{{kind}}}[htbp]\n\\centering\n\\includegraphics{{figures/{figure['name']}.pdf}}\n"
-            f"\\caption{{{escape(figure['caption'])}}}\\label{{fig:{figure['name']}}}\n\\end{{{kind}}}\n")
 
 
 def table(layout: Mapping[str, Any]) -> str:

@@ -28,9 +28,12 @@ def methods(run: StoredRun, results: Results) -> list[str]:
     """Return paragraphs; ``[@key]`` cites an entry of ``references.bib``."""
     tables, origin, variants = run.tables, run.origin, run.tables["variants"]
     own = variants[variants["engine"] == "reference"] if len(variants) else variants
+    others = [_cited(name, version) for name, version in origin["engines"].items() if name != "reference"]
+    compared = (f"It was compared with {', '.join(others)}. Who supplies the friction law, engine or adapter, is part "
+                "of the settings of each variant.")
     return [" ".join(sentences) for sentences in (
         (METHOD, *_integration(own)),
-        (*_engines(origin), *_truth(tables), *([ORDERS] if len(tables.get("cost", ())) else [])),
+        (*([compared] if others else []), *_truth(tables), *([ORDERS] if len(tables.get("cost", ())) else [])),
         (_campaign(results, origin), _machine(origin),
          f"What the paper leaves open: {'; '.join(f'{name}: {text}' for name, text in origin['choices'].items())}."))]
 
@@ -46,25 +49,17 @@ def _integration(own: pd.DataFrame) -> Iterator[str]:
               "the same with the contact forces found by trial and error [@klepp1996] with relative tolerances"),
              (own[own["method"] == "paper"],
               "as in that paper, by the classical Runge-Kutta method of fixed step with steps (s)"))
-    if parts := [f"{text} {_steps(rows)}" for rows, text in texts if len(rows)]:
+    parts = []
+    for rows, text in texts:
+        steps = {value for ladder in rows["ladder"] for value in ladder.partition(" = ")[2].split(", ")}
+        parts += [f"{text} {', '.join(sorted(steps, key=float, reverse=True))}"] if steps else []
+    if parts:
         yield f"It integrates {'; '.join(parts)}."
     words = {"none": "none", "projection": "projection onto the constraints after each step"}
     baumgarte = "that of Baumgarte [@baumgarte1972; @flores2011], "
     if used := [words.get(value, baumgarte + value.partition(" ")[2].strip("()"))
                 for value in own["stabilization"].unique() if value]:
         yield f"Constraint stabilization: {'; '.join(used)}."
-
-
-def _steps(variants: pd.DataFrame) -> str:
-    """All steps or tolerances, the coarsest first."""
-    values = {value for steps in variants["ladder"] for value in steps.partition(" = ")[2].split(", ")}
-    return ", ".join(sorted(values, key=float, reverse=True))
-
-
-def _engines(origin: Mapping[str, Any]) -> Iterator[str]:
-    if others := [_cited(name, version) for name, version in origin["engines"].items() if name != "reference"]:
-        yield (f"It was compared with {', '.join(others)}. Who supplies the friction law, engine or adapter, is part "
-               "of the settings of each variant.")
 
 
 def _cited(name: str, version: str) -> str:

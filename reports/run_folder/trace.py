@@ -16,8 +16,8 @@ from itertools import count, groupby
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.presentation import TableView
 from stiction.comparisons.presentation.cells import TRAJECTORY
-from stiction.comparisons.presentation.table_view import TableView
 from stiction.reports.run_folder.data import truth_file
 from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
@@ -36,7 +36,7 @@ class Source:
     Attributes
     ----------
     table : str
-        Of the data, without folder and ending.
+        Its name in the data, without folder and ending.
     numbers : str
         Its rows as in the key: ``16-30,45``.
     rows : DataFrame

@@ -17,7 +17,7 @@ from stiction.cli.render import or_shown, progress, show, show_truths, write_tab
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stiction.comparisons.presentation.presentation import Presentation
+    from stiction.comparisons.presentation import Presentation
     from stiction.comparisons.results import Results
     from stiction.comparisons.studies.study import Scope, Study
     from stiction.scenes import Scene
@@ -135,7 +135,14 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
     if out is None and len(table):
         print("\nEvery row with its numbers and reasons: --out FILE.csv")
     if plot is not None:
-        _draw(study, said, results, plot)
+        from stiction.reports.figures.charts import drawn
+        from stiction.reports.figures.style import rc, write_figure
+
+        if not said.figures:
+            raise ended(FAILED, f"{plot}: not written: `compare {study.name}` has no figure of these runs")
+        with rc():
+            [drawing] = drawn(said.figures[:1], results)
+            write_figure(drawing, plot)
     if problems is not None:
         write_problems(results.problems, problems)
     if table.empty:
@@ -168,17 +175,6 @@ def _runs(results: Results, table: pd.DataFrame) -> pd.DataFrame:
     import pandas as pd
 
     return pd.DataFrame([record.describe() for record in results.records]) if results.records else table
-
-
-def _draw(study: Study, said: Presentation, results: Results, path: Path) -> None:
-    from stiction.reports.figures.charts import drawn
-    from stiction.reports.figures.style import rc, write_figure
-
-    if not said.figures:
-        raise ended(FAILED, f"{path}: not written: `compare {study.name}` has no figure of these runs")
-    with rc():
-        [drawing] = drawn(said.figures[:1], results)
-        write_figure(drawing, path)
 
 
 def _check(rows: pd.DataFrame) -> None:

@@ -14,7 +14,7 @@ from stiction.comparisons.campaigns.participants import cost_variants, threshold
 from stiction.comparisons.campaigns.validation import _Watch
 from stiction.comparisons.depth import Depth, down_to
 from stiction.comparisons.hard import hard_cases
-from stiction.comparisons.presentation.presentation import Presentation
+from stiction.comparisons.presentation import Presentation
 from stiction.comparisons.studies.study import Study, Tables, union
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.timing.timed_runs import call_of

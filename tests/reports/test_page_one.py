@@ -12,7 +12,7 @@ from made_up_runs import is_in
 from report_material import hard_table, record, unsaved_figures
 
 from stiction.comparisons.methods import methods
-from stiction.comparisons.presentation.traced_text import COUNT, NAME
+from stiction.comparisons.presentation import COUNT, NAME
 from stiction.comparisons.recommendation import mechanism_in_words
 from stiction.comparisons.results import Results
 from stiction.comparisons.uncertain import Uncertain

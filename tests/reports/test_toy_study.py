@@ -28,10 +28,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.presentation.charts import Axis, Chart, Panel, Series
-from stiction.comparisons.presentation.presentation import Headline, Presentation
-from stiction.comparisons.presentation.table_view import Column, view
-from stiction.comparisons.presentation.traced_text import traced, value
+from stiction.comparisons.presentation import Axis, Chart, Panel, Series, Headline, Presentation, Column, view, traced, value
 from stiction.comparisons.studies.study import Study, Tables
 from stiction.engines import Task
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from made_up_runs import CASES, VARIANTS, about, cells, record, sentences, wrong_numbers
 
-from stiction.comparisons.presentation.presentation import ANSWER_LENGTH, Presentation
+from stiction.comparisons.presentation import ANSWER_LENGTH, Presentation
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.accuracy import largest_differences, present
 from stiction.comparisons.truth import CLOSED_FORM, Truth

@@ -10,7 +10,7 @@ from made_up_runs import cells, sentences, wrong_numbers
 from stiction.comparisons.campaigns.participants import cost_variants, extent, variants
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.cost import plan, present
+from stiction.comparisons.studies.cost import STUDY, plan
 from stiction.comparisons.studies.equal_error import INTEGRATION, UNKNOWN, equal_error
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import TIMING
@@ -65,7 +65,7 @@ def records(tables):
 
 
 def said(tables):
-    return present(Results(records(tables), {}, tables))
+    return STUDY.presented(Results(records(tables), {}, tables))
 
 
 def test_numbers_are_those_of_the_tables():
@@ -151,7 +151,7 @@ def test_what_is_missing_is_left_out(gone):
 
 def test_nothing_to_show():
     tables = material()
-    assert present(Results((), {}, {})).is_empty
+    assert STUDY.presented(Results((), {}, {})).is_empty
     assert said({"cost": tables["cost"][tables["cost"]["status"] == "missing"]}).is_empty
     failed = tables["cost"].assign(status="failed", reason="gave up").drop(columns="position error [m]")
     assert said({"cost": failed}).answer and not said({"cost": failed}).answer.numbers

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from made_up_runs import CASES, VARIANTS, about, cells, record, sentences, wrong_numbers
 
-from stiction.comparisons.presentation.presentation import ANSWER_LENGTH, Presentation
+from stiction.comparisons.presentation import ANSWER_LENGTH, Presentation
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.torque_jumps import plan, present, windows_table

@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 
-from stiction.comparisons.presentation.charts import LIMIT, TRUTH, Axis, Chart, HeatMap, MechanismPicture, Panel, Series
+from stiction.comparisons.presentation import LIMIT, TRUTH, Axis, Chart, HeatMap, MechanismPicture, Panel, Series
 from stiction.comparisons.results import Results
 from stiction.reports.figures.charts import CELL, draw, drawn
 from stiction.reports.figures.style import COLORS, COLUMNS, DASHES, FILLS, MARKERS, Drawing, looks_of, rc, save

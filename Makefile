@@ -26,7 +26,7 @@ validate-quick: $(SET_UP)
 validate-full: $(SET_UP)
 	$(BIN)/stiction validate --full
 
-# How fast the reference is, and against what; two or three minutes with nothing else running.
+# How fast the reference is; two or three minutes with nothing else running.
 bench: $(SET_UP)
 	$(BIN)/python -m stiction.comparisons.timing.benchmark
 

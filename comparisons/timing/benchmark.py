@@ -25,7 +25,6 @@ import numpy as np
 from stiction.comparisons.campaigns.participants import REFERENCE, cost_variants
 from stiction.comparisons.studies.work_precision import work_precision
 from stiction.comparisons.timing.intervals import Interval, median_interval, ratio_interval
-from stiction.comparisons.timing.reduced_integrator import integrate, parameters
 from stiction.comparisons.timing.rounds import MOST, block, in_rounds
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import COMMON_STEP, OWN_CPU
@@ -34,7 +33,7 @@ from stiction.scenes import Scene, Trajectory, load_scene
 
 SCENE, RTOL = "slider-bar-case-1", 1e-9
 STABILIZATIONS = ("projection", "none", "baumgarte")
-RIVAL, PAPERS = "independent", "paper's scheme"
+PAPERS = "paper's scheme"
 PERIOD = 8.0
 """Seconds of the runs of `engine_costs`: one period."""
 WIDTH = 100
@@ -65,8 +64,8 @@ def benchmark(scene: Scene) -> Iterator[str]:
 
 
 def _methods(scene: Scene) -> Iterator[str]:
-    """CPU time of the reference's steps by method, and of an integrator of the reduced equation alone."""
-    engine, p = ReferenceEngine(), parameters(scene)
+    """CPU time of the reference's steps by method."""
+    engine = ReferenceEngine()
     true_end = slider_bar_truth(scene)(np.array([scene.t_end]))["slider.x"][0]
     methods: dict[str, dict[str, Any]] = {name: {"rtol": RTOL, "stabilization": name} for name in STABILIZATIONS}
     methods[PAPERS] = {"dt": 1e-3}
@@ -75,22 +74,15 @@ def _methods(scene: Scene) -> Iterator[str]:
         return engine.simulate(scene, output_step=scene.t_end, **methods[method])
 
     def seconds_of(name: str) -> float:
-        if name == RIVAL:
-            return median(seconds for _, seconds in block(lambda: integrate(p, scene.t_end, RTOL)))
         return median(found.cost.stepping_s for found, _ in block(lambda: run(name)))
 
     runs = {name: run(name) for name in methods}  # kernels are loaded by this
-    times = in_rounds([*methods, RIVAL], lambda names: {name: seconds_of(name) for name in names}, float)
+    times = in_rounds([*methods], lambda names: {name: seconds_of(name) for name in names}, float)
     yield f"{scene.name}, {scene.t_end:g} s, rtol {RTOL:g}, CPU in ms; in brackets the intervals of the medians"
     for name in STABILIZATIONS:
         error = abs(runs[name]["slider.x"][-1] - true_end)
         yield (f"  reference, event-driven, {name:11} {_spread(times[name])}  {_counts(runs[name])}; "
                f"|x error| at the end {error:.1e} m")
-    x, *_, events, calls = integrate(p, scene.t_end, RTOL)
-    yield (f"  independent, one degree of freedom       {_spread(times[RIVAL])}  rhs {calls}, events {events}; "
-           f"|x error| at the end {abs(x - true_end):.1e} m")
-    ratio = ratio_interval(times["projection"], times[RIVAL])
-    yield f"  ratio reference (projection) / independent: {_interval(ratio)} (required: at most 5)"
     ratio = ratio_interval(times["baumgarte"], times["projection"])
     yield (f"  reference with projection: {_spread(times['projection'])} ms (required: at most 2); "
            f"Baumgarte costs {_interval(ratio)} times that")

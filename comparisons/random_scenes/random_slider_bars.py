@@ -1,8 +1,8 @@
 """Random slider-bars: event-driven runs of the reference against the truth, scene by scene.
 
-    python -m stiction.comparisons.random_scenes.random_slider_bars --count 20000 --seed 1 --rtol 1e-9
+Every night draws some afresh (`night_draws`). Scenes 0 to 999 of seed 1 are judged by
 
-Every night draws some afresh (`night_draws`).
+    python -m stiction.comparisons.random_scenes.random_slider_bars 1 0 1000
 """
 
 from __future__ import annotations
@@ -76,14 +76,13 @@ def judge(parameters: dict[str, float], rtols: Sequence[float]) -> tuple[SceneOu
     return tuple(SceneOutcome(*_compared(scene, truth, rtol), about) for rtol in rtols)
 
 
-def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[SceneOutcome]]:
+def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> tuple[SceneOutcome, ...]:
     """Judge scene i of a seed."""
-    return [[verdict] for verdict in judge(next(draws(1, seed, i)), rtols)]
+    return judge(next(draws(1, seed, i)), rtols)
 
 
 STUDY = RandomScenes("stiction.comparisons.random_scenes.random_slider_bars", judge_drawn, OUTCOMES, FAILING,
-                     "error [m, s]",
-              (1e-9, 1e-12), T_END)
+                     (1e-9, 1e-12), T_END)
 
 
 def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str, float]:
@@ -139,4 +138,4 @@ def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, str, float]:
 
 
 if __name__ == "__main__":
-    raise SystemExit(STUDY.main(__doc__.splitlines()[0]))
+    raise SystemExit(STUDY.main())

@@ -1,5 +1,6 @@
 """Random slider-bars against the independent solution, and what the truths do where they have no single answer."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -33,19 +34,16 @@ SELF_LOCKING = {"F0": 2.173292141249958, "L": 1.5430006912566827, "w0": 5.052669
 
 
 def test_reference_follows_the_truth():
-    found = [verdict for [[verdict]] in STUDY.judged(1, range(18), [1e-9])]  # every night 400 more
+    found = [verdict for i in range(18) for verdict in STUDY.judge(1, i, [1e-9])]  # every night 400 more
     wrong = [verdict for verdict in found if verdict.outcome not in (AGREES, GRAZES, SAME_BREAKDOWN)]
     assert not wrong, wrong
     assert sum(verdict.outcome == AGREES for verdict in found) > 12  # two thirds: else the draw tests refusals only
 
 
 @pytest.mark.long
-def test_reference_follows_the_truth_20_000_times(capsys):
-    found = [verdict for by_rtol in STUDY.judged(20_000, range(20_000), [1e-9, 1e-12], processes=2) for [verdict] in by_rtol]
-    with capsys.disabled():
-        print(f"\n{STUDY.table(found).to_string(index=False)}")
-    wrong = [verdict for verdict in found if verdict.outcome not in (AGREES, GRAZES, SAME_BREAKDOWN)]
-    assert not wrong, wrong[:20]
+def test_reference_follows_the_truth_20_000_times():
+    counts = Counter(verdict.outcome for _, verdict in STUDY.judged(20_000, 0, 20_000))
+    assert counts.keys() <= {AGREES, GRAZES, SAME_BREAKDOWN}, counts
 
 
 def test_a_run_of_another_scene_is_not_the_truth():

@@ -6,7 +6,6 @@ with a surface that moves at constant speed u (0: Den Hartog's oscillator; not 0
 is a linear oscillator about a shifted centre, in stick x' = u, and a phase ends at the first zero of an
 elementary function whose third derivative is bounded. `first_zero` steps towards it from the left over
 h where the Taylor polynomial minus the bound is positive: it can overlook no zero, and converges like Newton's method.
-Its steady states: `steady_oscillator.py`.
 """
 
 from __future__ import annotations

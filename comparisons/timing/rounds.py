@@ -1,4 +1,4 @@
-"""Measurement of time by `validate`, `compare`, every night, in checks and in the benchmark.
+"""Measurement of time by `validate`, `compare`, every night and in checks.
 
 `Engine.run` is timed with start and end as its only output: its cost is that of the motion, not of the table of it, nor
 of the gate that the run has passed before. Times are CPU times of the process that does the work.

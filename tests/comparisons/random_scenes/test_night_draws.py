@@ -20,7 +20,6 @@ from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.random_scenes import random_slider_bars, resting_mechanisms
 from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome
 from stiction.comparisons.random_scenes.night_draws import BATCH, STUDIES, Draw, draws_of_night, sentences_on_draws
-from stiction.comparisons.random_scenes.random_slider_bars import draws
 from stiction.engines import Outcome
 
 DRAW = Draw("slider-bars", 7, 0, 2)
@@ -99,8 +98,6 @@ def test_seed_is_the_nights_own_and_batches_are_of_one_stream():
     assert [(draw.first, draw.count) for draw in first] == [(0, batch), (batch, batch), (2 * batch, 3),
                                                             (0, BATCH["mechanisms"]), (BATCH["mechanisms"], 1)]
     assert len({draw.key for draw in first}) == len(first)
-    whole = list(draws(2 * batch + 3, first[0].seed))
-    assert [parameters for draw in first[:3] for parameters in draws(draw.count, draw.seed, draw.first)] == whole
     assert draws_of_night("2026-01-01", dict.fromkeys(counts, 0)) == []
 
 

@@ -326,9 +326,8 @@ def runs(scene: Scene, rtols: Sequence[float]) -> Iterator[tuple[float, Trajecto
 def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[SceneOutcome]:
     """Judge mechanism i of a seed.
 
-    The motion looks for switches at the ends of its steps, where two of them in a step go unseen, and some mechanisms
-    magnify its error a thousandfold. So one with a tighter tolerance and far shorter steps decides where a run
-    disagrees: a run is held to what does not depend on the steps of the motion.
+    The motion looks for switches at the ends of its steps: two of them in one step go unseen. Some mechanisms magnify
+    its error a thousandfold. Where a run disagrees, a motion with a tighter tolerance and far shorter steps decides.
     """
     scene, motion = drawn(seed, i)
     found = list(runs(scene, rtols))

@@ -139,7 +139,7 @@ def _pair(guide: Translational, softness: Softness, timestep: float) -> dict[str
 
 
 def _inward(guide: Translational, corners: list[tuple[float, float]], side: str) -> tuple[float, float]:
-    """From a surface into the slider, across the guide, in the slider's axes."""
+    """Return the direction from a surface into the slider, across the guide, in the slider's axes."""
     (x0, y0), (x1, y1) = corners[0], corners[3]
     length = hypot(x1 - x0, y1 - y0)
     return SIDES[side] * (x1 - x0) / length, SIDES[side] * (y1 - y0) / length

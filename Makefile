@@ -12,7 +12,7 @@ EXTRAS = test,docs$(ENGINES:all=,mujoco,drake,dart,fmi,dask,proof)
 # one stamp for each: the environment is cleared with what the other had
 SET_UP = .venv/set-up$(ENGINES:%=-%)
 
-.PHONY: validate validate-quick validate-full bench bench-engines lint test clean
+.PHONY: validate validate-quick validate-full bench-engines lint test clean
 
 # Some minutes on two cores.
 validate: $(SET_UP)
@@ -26,13 +26,9 @@ validate-quick: $(SET_UP)
 validate-full: $(SET_UP)
 	$(BIN)/stiction validate --full
 
-# How fast the reference is, and against what; two or three minutes with nothing else running.
-bench: $(SET_UP)
-	$(BIN)/python -m stiction.comparisons.timing.benchmark
-
 # What a step of every engine costs, the table of their pages; two minutes or so with nothing else running.
 bench-engines: $(SET_UP)
-	$(BIN)/python -m stiction.comparisons.timing.benchmark engines
+	$(BIN)/python -m stiction.comparisons.timing.engine_costs
 
 # Rules of the code's form, types and imports, in pyproject.toml; half a minute, a few seconds after the first time.
 # `ruff check --fix` and `isort .` mend most of what they find.

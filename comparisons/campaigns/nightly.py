@@ -23,8 +23,8 @@ from stiction.comparisons.campaigns.tolerances import with_rounding
 from stiction.comparisons.digest import circumstances, digest
 from stiction.comparisons.environment import origin
 from stiction.comparisons.random_scenes.night_draws import Draw, draws_of_night, sentences_on_draws
+from stiction.comparisons.timing.calibration_kernel import calibration_kernel
 from stiction.comparisons.timing.older_code import times_in_turns
-from stiction.comparisons.timing.reduced_integrator import calibration_kernel
 from stiction.engines.isolation import Isolate, Outcome, isolate
 
 HISTORY = "history.sqlite"

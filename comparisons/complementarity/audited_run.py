@@ -1,9 +1,9 @@
 """The complementarity problems of a run of the reference at every instant that its method has a say in.
 
-The event-driven method chooses a contact mode at the start and at events, freezes it in between, and verifies it at one
-instant of each step, the audit. Hence the instants: the start, both sides of each event, the end of each accepted step
-and the audit in it. States within a step are those of its dense output. The stages of a step are none: they are
-approximations that the step corrects, and no state of the motion.
+The event-driven method chooses a contact mode at the start and at events, and freezes it in between. At one instant of
+each step, the audit, it verifies the mode. Hence the instants: the start, both sides of each event, the end of each
+accepted step and the audit in it. States within a step are those of its dense output. The stages of a step are none:
+they are approximations that the step corrects, and no state of the motion.
 """
 
 from __future__ import annotations

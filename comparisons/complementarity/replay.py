@@ -102,7 +102,7 @@ def answer(solver: Solver, problem: Problem) -> Answer:
 
 
 def _answers(address: str, path: str | None, kind: str) -> list[Answer]:
-    """In the child: all problems of a class, the first one twice (a compiled solver compiles at its first call)."""
+    """Answer all problems of a class; the first one twice: a compiled solver compiles at its first call."""
     solver, problems = load_solver(address), [problem for problem in read_problems(path) if problem.kind == kind]
     answer(solver, problems[0])
     return [answer(solver, problem) for problem in problems]

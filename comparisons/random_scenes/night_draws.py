@@ -59,11 +59,10 @@ def draws_of_night(night: str, counts: Mapping[str, int]) -> list[Draw]:
 def _measured(draw: Draw) -> Row:
     """Count the verdicts of each class, in the child; name what is wrong, and the command that shows it again."""
     study, counts, failing = STUDIES[draw.what], Counter[str](), list[str]()
-    for i in range(draw.first, draw.first + draw.count):
-        verdicts = [verdict for of_scene in study.judge(draw.seed, i, study.rtols) for verdict in of_scene]
-        counts.update(verdict.outcome for verdict in verdicts)
-        failing += [f"{verdict.outcome}: {verdict.detail}; {verdict.about}; {study.again(draw.seed, i)}"
-                    for verdict in verdicts if verdict.outcome in study.failing]
+    for i, verdict in study.judged(draw.seed, draw.first, draw.count):
+        counts[verdict.outcome] += 1
+        if verdict.outcome in study.failing:
+            failing.append(f"{verdict.outcome}: {verdict.detail}; {verdict.about}; {study.again(draw.seed, i)}")
     metrics = tuple(Metric(f"{outcome} [-]", RANDOM, counts[outcome], tier=HIGH_PRECISION)
                     for outcome in study.outcomes if counts[outcome])
     return replace(draw.row, version=load_engine("reference").version, status=WRONG if failing else "ok",

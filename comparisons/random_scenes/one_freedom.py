@@ -89,7 +89,7 @@ class Instant:
 
 @dataclass(frozen=True)
 class Motion:
-    """From the start to the instant `rest` at which the mechanism comes to rest, at the position q."""
+    """The motion from the start to the instant `rest`, at which the mechanism comes to rest at the position q."""
 
     equations: OneFreedom
     pieces: tuple[Piece, ...]

@@ -1,14 +1,14 @@
 """Random slider-bars: event-driven runs of the reference against the truth, scene by scene.
 
-    python -m stiction.comparisons.random_scenes.random_slider_bars --count 20000 --seed 1 --rtol 1e-9
+Every night draws some afresh (`night_draws`). Scenes 0 to 999 of seed 1 are judged by
 
-Every night draws some afresh (`night_draws`).
+    python -m stiction.comparisons.random_scenes.random_slider_bars 1 0 1000
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -42,8 +42,9 @@ FAILING = (SILENTLY_WRONG, REFERENCE_REFUSES, TRUTH_REFUSES)
 """Outcomes that no scene is known to have."""
 
 
-def draw(rng: np.random.Generator) -> dict[str, float]:
-    """Parameters of a slider-bar by name, log-uniform; in one half of the draws load and bar have a common period."""
+def drawn(seed: int, i: int) -> dict[str, float]:
+    """Parameters by name of scene i of a seed, log-uniform; in half of the scenes load and bar have a common period."""
+    rng = np.random.default_rng([seed, i])
 
     def between(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
@@ -54,11 +55,6 @@ def draw(rng: np.random.Generator) -> dict[str, float]:
             "m1": between(0.2, 5.0), "m2": between(0.2, 5.0),
             "guide.length": between(0.1, 2.0), "guide.width": between(0.05, 1.5), "k": between(0.2, 20.0),
             "Omega": frequency, "mu": mu, "mus": float(mu * rng.uniform(1.0, 2.0))}
-
-
-def draws(count: int, seed: int, first: int = 0) -> Iterator[dict[str, float]]:
-    """Scenes `first`, `first` + 1, .. of a seed."""
-    return (draw(np.random.default_rng([seed, i])) for i in range(first, first + count))
 
 
 def slider_bar(parameters: dict[str, float]) -> Scene:
@@ -76,14 +72,13 @@ def judge(parameters: dict[str, float], rtols: Sequence[float]) -> tuple[SceneOu
     return tuple(SceneOutcome(*_compared(scene, truth, rtol), about) for rtol in rtols)
 
 
-def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[SceneOutcome]]:
+def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> tuple[SceneOutcome, ...]:
     """Judge scene i of a seed."""
-    return [[verdict] for verdict in judge(next(draws(1, seed, i)), rtols)]
+    return judge(drawn(seed, i), rtols)
 
 
 STUDY = RandomScenes("stiction.comparisons.random_scenes.random_slider_bars", judge_drawn, OUTCOMES, FAILING,
-                     "error [m, s]",
-              (1e-9, 1e-12), T_END)
+                     (1e-9, 1e-12), T_END)
 
 
 def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str, float]:
@@ -139,4 +134,4 @@ def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, str, float]:
 
 
 if __name__ == "__main__":
-    raise SystemExit(STUDY.main(__doc__.splitlines()[0]))
+    raise SystemExit(STUDY.main())

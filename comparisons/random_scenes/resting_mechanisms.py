@@ -4,7 +4,7 @@ Two or three frictional guides: a rod between two sliders; a plate on two slider
 drives two sliders by rods; a guide on a rocking link, or on another slider. When one guide is held, all are. Every
 mechanism is run with each stabilization and compared with `one_freedom.simulate`.
 
-    python -m stiction.comparisons.random_scenes.resting_mechanisms --count 1000 --seed 0
+    python -m stiction.comparisons.random_scenes.resting_mechanisms 0 0 1000
 """
 
 from __future__ import annotations
@@ -323,27 +323,25 @@ def runs(scene: Scene, rtols: Sequence[float]) -> Iterator[tuple[float, Trajecto
                                                    event_values=False)
 
 
-def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[list[SceneOutcome]]:
+def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[SceneOutcome]:
     """Judge mechanism i of a seed.
 
-    The motion looks for switches at the ends of its steps, where two of them in a step go unseen, and some mechanisms
-    magnify its error a thousandfold. So one with a tighter tolerance and far shorter steps decides where a run
-    disagrees: a run is held to what does not depend on the steps of the motion.
+    The motion looks for switches at the ends of its steps: two of them in one step go unseen. Some mechanisms magnify
+    its error a thousandfold. Where a run disagrees, a motion with a tighter tolerance and far shorter steps decides.
     """
     scene, motion = drawn(seed, i)
     found = list(runs(scene, rtols))
     verdicts = [judge(scene, motion, run, rtol) for rtol, run in found]
-    if any(verdict.outcome != AGREES for verdict in verdicts):
-        again = simulate(scene, LONGEST, TOLERANCE / 10, LONGEST_STEP / 64)
-        verdicts = [verdict if verdict.outcome == AGREES else judge(scene, again, run, rtol)
-                    for verdict, (rtol, run) in zip(verdicts, found)]
-    return [verdicts[k:k + len(STABILIZATIONS)] for k in range(0, len(verdicts), len(STABILIZATIONS))]
+    if all(verdict.outcome == AGREES for verdict in verdicts):
+        return verdicts
+    again = simulate(scene, LONGEST, TOLERANCE / 10, LONGEST_STEP / 64)
+    return [verdict if verdict.outcome == AGREES else judge(scene, again, run, rtol)
+            for verdict, (rtol, run) in zip(verdicts, found)]
 
 
 STUDY = RandomScenes("stiction.comparisons.random_scenes.resting_mechanisms", judge_drawn, OUTCOMES,
-              tuple(outcome for outcome in OUTCOMES if outcome != AGREES),
-              "error, in what is allowed [-]", RTOLS, LONGEST)
+                     tuple(outcome for outcome in OUTCOMES if outcome != AGREES), RTOLS, LONGEST)
 
 
 if __name__ == "__main__":
-    raise SystemExit(STUDY.main(__doc__))
+    raise SystemExit(STUDY.main())

@@ -4,11 +4,11 @@ Both times are the shortest of their samples: whatever else runs on the machine 
 a night is compared with others on which something else ran. The other nights are also the repeats of a run that takes
 longer than `ONCE`.
 
-The kernel (`reduced_integrator.calibration_kernel`) shows the clock and what disturbs all work alike. It does not show
-differences between processors beyond their speed: the ratio of the reference to the kernel was 4.1 on one and 5.7 on
-another, and for some runs 1.9 times as much. Nor does it show all of a neighbour that shares caches or the core: 1.46
-times was seen. So no verdict rests on it, and no time is corrected by it; `stiction.comparisons.timing.older_code` has
-what a verdict can rest on.
+The kernel (`calibration_kernel`) shows the clock and what disturbs all work alike. It does not show differences between
+processors beyond their speed: the ratio of the reference to an earlier kernel was 4.1 on one and 5.7 on another, and
+for some runs 1.9 times as much. Nor does it show all of a neighbour that shares caches or the core: 1.46 times was
+seen. So no verdict rests on it, and no time is corrected by it; `stiction.comparisons.timing.older_code` has what a
+verdict can rest on.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from stiction.comparisons.timing.reduced_integrator import calibration_kernel
+from stiction.comparisons.timing.calibration_kernel import calibration_kernel
 from stiction.comparisons.timing.rounds import block, in_rounds, seconds_of
 
-TIME = "least cpu per calibration [-]"
-"""Name of the quantity: CPU time of one simulation over that of one integration of case 1 over 24 s at rtol 1e-9.
+TIME = "least cpu per kernel [-]"
+"""Name of the quantity: CPU time of one simulation over that of one call of the kernel.
 
 Another kernel, or another way to make the number, needs another name, because times before and after do not compare."""
 SHARE = 0.5

@@ -1,8 +1,8 @@
 """Costs of runs over their costs in the code before: both timed in turns, on this machine, in one go.
 
-A time by itself says little. A calibration kernel is other work than the run, so that a busy neighbour (who shares
-caches and, in virtual machines, the core itself) or another processor changes their ratio: 1.46 times and 1.9 times
-were seen for the same code. The same run in the code before is the same work, disturbed alike at the same time.
+A time by itself says little. A calibration kernel is other work than the run. A busy neighbour shares caches and, in
+virtual machines, the core itself: it changes the ratio of the two, by 1.46 times for the same code. Another processor
+changed it by 1.9 times. The same run in the code before is the same work, disturbed alike at the same time.
 """
 
 from __future__ import annotations

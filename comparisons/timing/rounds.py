@@ -1,4 +1,4 @@
-"""Measurement of time by `validate`, `compare`, every night, in checks and in the benchmark.
+"""Measurement of time by `validate`, `compare`, every night and in checks.
 
 `Engine.run` is timed with start and end as its only output: its cost is that of the motion, not of the table of it, nor
 of the gate that the run has passed before. Times are CPU times of the process that does the work.
@@ -9,7 +9,7 @@ after one run that is not counted, and its sample is their median: what lasts as
 have as many rounds as required, slow ones and fast ones. Those whose interval (`stiction.comparisons.timing.intervals`)
 is `WIDE` then have more, up to `MOST`.
 
-The calibration kernel (`reduced_integrator.calibration_kernel`) is timed in each visit before and after the run, which
+The calibration kernel (`calibration_kernel`) is timed in each visit before and after the run, which
 takes some 6 ms, and each round has the load by others. Neither corrects a time or enters a verdict: the table of
 samples and the provenance (`stiction.comparisons.timing.timed_runs.machine_while_timing`) have both.
 """
@@ -27,8 +27,8 @@ from typing import Any, TypeVar
 
 import psutil
 
+from stiction.comparisons.timing.calibration_kernel import calibration_kernel
 from stiction.comparisons.timing.intervals import CONFIDENCE, Interval, median_interval
-from stiction.comparisons.timing.reduced_integrator import calibration_kernel
 from stiction.engines.protocol import Engine
 from stiction.engines.registry import load_engine
 from stiction.scenes import Cost, Scene, Trajectory

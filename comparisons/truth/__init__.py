@@ -12,8 +12,6 @@ from stiction.comparisons.truth.closed_form.four_bars import four_bar_truth
 from stiction.comparisons.truth.closed_form.oscillator import oscillator_truth
 from stiction.comparisons.truth.closed_form.pendulum import pendulum_truth
 from stiction.comparisons.truth.closed_form.slider_crank import slider_crank_truth
-from stiction.comparisons.truth.closed_form.steady_oscillator import (StickSlipCycle, non_stop_limit, non_stop_peak,
-                                                                      stick_slip_cycle)
 from stiction.comparisons.truth.reduced.moving_guide import moving_guide_truth
 from stiction.comparisons.truth.reduced.piecewise_smooth import NoMotion, Undecided
 from stiction.comparisons.truth.reduced.slider_bar import slider_bar_truth
@@ -23,6 +21,6 @@ from stiction.comparisons.truth.truth import (CLOSED_FORM, HIGH_PRECISION, NO_TR
                                               NotThisMechanism, Truth, TruthRefused)
 
 __all__ = ["CLOSED_FORM", "HIGH_PRECISION", "NO_TRUTH", "NoMotion", "NotThisMechanism", "PROVEN", "PUBLISHED",
-           "StickSlipCycle", "StickThreshold", "Truth", "TruthRefused", "Undecided", "four_bar_truth", "incline_truth",
-           "moving_guide_truth", "non_stop_limit", "non_stop_peak", "oscillator_truth", "pendulum_truth",
-           "slider_bar_truth", "slider_crank_truth", "stick_slip_cycle", "stick_threshold", "trammel_truth"]
+           "StickThreshold", "Truth", "TruthRefused", "Undecided", "four_bar_truth", "incline_truth",
+           "moving_guide_truth", "oscillator_truth", "pendulum_truth", "slider_bar_truth", "slider_crank_truth",
+           "stick_threshold", "trammel_truth"]

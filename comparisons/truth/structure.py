@@ -36,7 +36,7 @@ ON_X_AXIS = (ANY, 0)
 """A point of the x axis."""
 PULLS_ALONG_X = Condition("axis [> 0, 0], or none and rest_length 0", lambda spring: _fits(spring.axis, FORWARD)
                           or spring.axis is None and spring.rest_length == 0)
-"""Of a spring between two points of the x axis."""
+"""Condition on a spring between two points of the x axis."""
 
 ONE, OPTIONAL, SEVERAL = "one", "at most one", "any number"
 

@@ -162,7 +162,7 @@ class Boxes:
                     self._graph.AssignRole(self._context, self._source, shape, material, RoleAssign.kReplace)
 
     def forces(self, results: Any) -> tuple[list[float], list[float]]:
-        """Per frictional guide: sums of the magnitudes of its contacts' normal and tangential forces (N)."""
+        """Return per frictional guide the sums of the magnitudes of its contacts' normal and tangential forces (N)."""
         normals, frictions = [0.0] * len(self._frictional), [0.0] * len(self._frictional)
         for k in range(results.num_point_pair_contacts()):
             contact = results.point_pair_contact_info(k)

@@ -3,7 +3,7 @@
 Corners on half-spaces, both coefficients of friction, integrated with error control by CENIC.
 
 CENIC (Kurtz & Castro 2025, https://arxiv.org/abs/2511.08771) solves the convex contact problem of a discrete step for a
-step and for its two halves, takes the halves, and chooses steps so that the two differ by less than `rtol` in any
+step and for its two halves, and takes the halves. It chooses steps so that the two differ by less than `rtol` in any
 coordinate (m, rad). The contacts are those of `stiction.engines.drake.contact`, of a stiffness that does not depend on
 steps. Friction goes by the normal force and the slip speed at the start of a step; it is static up to a few times
 `stiction_tolerance`, kinetic beyond. Loads are evaluated by the adapter whenever Drake asks for them; a motor is one of
@@ -206,16 +206,10 @@ class _Simulation:
     def _add_loads(self, scene: Scene, builder: Any) -> None:
         """Connect loads and motors."""
         from pydrake.common.value import Value
-        from pydrake.multibody.math import SpatialForce
-        from pydrake.multibody.plant import ExternallyAppliedSpatialForce
         from pydrake.systems.framework import LeafSystem
 
-        links, tree, motors = self._links, self._tree, self._motors(scene)
-        forces, balance = [ExternallyAppliedSpatialForce() for _ in scene.bodies], MomentumBalance(scene)
+        links, tree, motors, balance = self._links, self._tree, self._motors(scene), MomentumBalance(scene)
         balance.compile()
-        for force, name in zip(forces, scene.bodies):
-            link = tree.link_of[name]
-            force.body_index, force.p_BoBq_B = links.bodies[link].index(), tree.centre(link)
 
         def evaluate(context: Any, output: Any) -> None:
             position, velocity = links.ordered(system.get_input_port().Eval(context))
@@ -223,14 +217,12 @@ class _Simulation:
             for link, rate, gain, sides in motors:
                 for side, sign in sides:
                     loads[side] += sign * gain * (rate - velocity[link])
-            for i, force in enumerate(forces):
-                fx, fy, torque = loads[3 * i:3 * i + 3]
-                force.F_Bq_W = SpatialForce((0.0, 0.0, torque), (fx, fy, 0.0))
-            output.set_value(forces)
+            links.set_loads(loads)
+            output.set_value(links.loads)
 
         system = builder.AddSystem(LeafSystem())
         system.DeclareVectorInputPort("state", 2 * len(tree.links))
-        system.DeclareAbstractOutputPort("loads", lambda: Value(forces),
+        system.DeclareAbstractOutputPort("loads", lambda: Value(links.loads),
                                          lambda *arguments: self.clock.call_back(evaluate, *arguments))
         builder.Connect(links.plant.get_state_output_port(), system.get_input_port())
         builder.Connect(system.get_output_port(), links.plant.get_applied_spatial_force_input_port())

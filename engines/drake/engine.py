@@ -102,13 +102,11 @@ class _DrakeStepper(TreeStepper):
     _output: Any
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        from pydrake.multibody.math import SpatialForce
-        from pydrake.multibody.plant import ExternallyAppliedSpatialForce
         from pydrake.multibody.tree import default_model_instance
 
         super().__init__(scene, h, options)
         tree, self._options = self.tree, options
-        self._force, self._links = SpatialForce, Plant(scene, tree, h)
+        self._links = Plant(scene, tree, h)
         self._plant = plant = self._links.plant
         plant.SetUseSampledOutputPorts(False)
         for name in tree.loops:
@@ -126,11 +124,8 @@ class _DrakeStepper(TreeStepper):
         plant.get_actuation_input_port().FixValue(self._context, self._wished[0])
         self._given = plant.get_desired_state_input_port(default_model_instance()).FixValue(self._context,
                                                                                             self._wished.reshape(-1))
-        self._applied = [ExternallyAppliedSpatialForce() for _ in scene.bodies] if self.loaded else []
-        for force, name in zip(self._applied, scene.bodies):
-            link = tree.link_of[name]
-            force.body_index, force.p_BoBq_B = self._links.bodies[link].index(), tree.centre(link)
-        self._pushed = plant.get_applied_spatial_force_input_port().FixValue(self._context, self._applied)
+        self._pushed = plant.get_applied_spatial_force_input_port().FixValue(
+            self._context, self._links.loads if self.loaded else [])
         self.put(self.position, self.velocity)
         self.settling = self.settling or 1  # in which servos settle at the speed error that their load leaves
 
@@ -156,11 +151,8 @@ class _DrakeStepper(TreeStepper):
 
     def advance(self, caps: Sequence[float]) -> None:
         if self.loaded:
-            loads = self.loads.tolist()
-            for i, force in enumerate(self._applied):
-                fx, fy, torque = loads[3 * i:3 * i + 3]
-                force.F_Bq_W = self._force((0.0, 0.0, torque), (fx, fy, 0.0))
-            self._pushed.GetMutableData().set_value(self._applied)
+            self._links.set_loads(self.loads.tolist())
+            self._pushed.GetMutableData().set_value(self._links.loads)
         self._values = self.clock.call(self._step)
         self.position[:], self.velocity[:] = self._links.state()
 

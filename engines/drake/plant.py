@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,13 +26,16 @@ class Plant:
     ----------
     plant, bodies, joints
         Drake's plant, its body of each link and the joint to its parent.
+    loads
+        What the adapter applies to the scene's bodies, as Drake takes it.
     system, root, context
         Drake's diagram (or the plant alone), its context and the plant's, once it is finalized.
     """
 
     def __init__(self, scene: Scene, tree: LinkTree, time_step: float, least_mass: float = 0.0):
         from pydrake.math import RigidTransform, RollPitchYaw
-        from pydrake.multibody.plant import MultibodyPlant
+        from pydrake.multibody.math import SpatialForce
+        from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
         from pydrake.multibody.tree import (FixedOffsetFrame, PrismaticJoint, RevoluteJoint, RotationalInertia,
                                             SpatialInertia)
 
@@ -56,6 +60,16 @@ class Plant:
             kind, axis = (PrismaticJoint, (*link.axis, 0.0)) if link.slides else (RevoluteJoint, (0.0, 0.0, 1.0))
             self.joints.append(plant.AddJoint(kind(f"joint-{i}", frame, body.body_frame(), axis)))
             self.bodies.append(body)
+        self._force, self.loads = SpatialForce, [ExternallyAppliedSpatialForce() for _ in scene.bodies]
+        for load, name in zip(self.loads, scene.bodies):
+            i = tree.link_of[name]
+            load.body_index, load.p_BoBq_B = self.bodies[i].index(), tree.centre(i)
+
+    def set_loads(self, values: Sequence[float]) -> None:
+        """Set the loads' force x, force y (N) and torque (N m) of each body, one after the other."""
+        for i, load in enumerate(self.loads):
+            fx, fy, torque = values[3 * i:3 * i + 3]
+            load.F_Bq_W = self._force((0.0, 0.0, torque), (fx, fy, 0.0))
 
     def finalize(self, builder: Any = None) -> None:
         """End the model, alone or part of a diagram's `builder`, and make its context; nothing is computed before."""

@@ -14,9 +14,9 @@ from stiction.engines.exudyn.model import Model, unit
 from stiction.scenes.model import Translational
 
 _REACH = 1e3
-"""Of the slider's length: how far the planes extend. Nothing depends on it while the slider stays on them."""
+"""Reach of the planes, in lengths of the slider. Nothing depends on it while the slider stays on them."""
 _RADIUS = 0.25
-"""Of the width: radius of the spheres. Nothing depends on it while the slider is parallel to the guide."""
+"""Radius of the spheres, in widths. Nothing depends on it while the slider is parallel to the guide."""
 CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 """Places along and across the guide of F1 .. F4: lower rear, lower front, upper front, upper rear."""
 

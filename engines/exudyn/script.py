@@ -146,7 +146,7 @@ class _Name(str):
 
 
 class _Items:
-    """In the place of `exudyn.itemInterface`: any item, with what it is made of; `used` are those asked for."""
+    """Stand-in for `exudyn.itemInterface`: any item, with what it is made of; `used` are those asked for."""
 
     def __init__(self) -> None:
         self.used: set[str] = set()
@@ -157,7 +157,7 @@ class _Items:
 
 
 class _System:
-    """In the place of Exudyn's system: what is added becomes one of `lines`, and its number a variable."""
+    """Stand-in for Exudyn's system: what is added becomes one of `lines`, and its number a variable."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []

@@ -107,44 +107,39 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
         origin = tree.links[link].point
         ux, uy = direction_of(guide)
         corners = slider_box(guide, softness.clearance)
+        pair = _pair(guide, softness, timestep)
         for side, sign in SIDES.items():
             inward = _inward(guide, corners, side)
             place = (guide.point[0] + sign * uy * width / 2, guide.point[1] - sign * ux * width / 2)
-            add(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1",
-                pos=numbers(*place, 0.0),
+            add(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1", pos=numbers(*place, 0.0),
                 zaxis=numbers(-sign * uy, sign * ux, 0.0), **untouched)
             for k in _CORNERS[side]:
                 x, y = corners[k]
                 add(elements[link], "geom", name=f"{name}.corner{k + 1}", type="sphere", size=repr(radius),
                     pos=numbers(x + radius * inward[0] - origin[0], y + radius * inward[1] - origin[1], 0.0),
                     **untouched)
-                friction = {"friction": numbers(guide.kinetic_coefficient, guide.kinetic_coefficient, 0.0, 0.0, 0.0)} \
-                    if guide.frictional else {}
-                if guide.frictional and not softness.time_constant:
-                    friction["solreffriction"] = numbers(-1.0, -softness.impedance / timestep)
-                add(
-                    contact,
-                    "pair",
-                    name=f"{surface(name, side)}.{k + 1}",
-                    geom1=surface(name, side),
-                    geom2=f"{name}.corner{k + 1}",
-                    condim="3" if guide.frictional else "1",
-                    **friction,
-                    # the direct format counts what a contact alone does with its impedance; two of them
-                    # carry a flat box
-                    solref=numbers(softness.time_constant, 1.0) if softness.time_constant else numbers(
-                        -softness.impedance * softness.recovery / timestep**2,
-                        -(1.0 + softness.impedance) / 2 / timestep,
-                    ),
-                    solimp=numbers(softness.impedance, softness.impedance, 0.001, 0.5, 2.0),
-                )
+                add(contact, "pair", name=f"{surface(name, side)}.{k + 1}", geom1=surface(name, side),
+                    geom2=f"{name}.corner{k + 1}", **pair)
             if guide.frictional:
                 xml.SubElement(sensor, "contact", name=surface(name, side), geom1=surface(name, side), data="force",
                                reduce="netforce")
 
 
+def _pair(guide: Translational, softness: Softness, timestep: float) -> dict[str, str]:
+    """Attributes of a contact of a guide: friction and compliance."""
+    d, found = softness.impedance, {"condim": "1"}
+    if guide.frictional:
+        found = {"condim": "3", "friction": numbers(*[guide.kinetic_coefficient] * 2, 0.0, 0.0, 0.0)}
+        if not softness.time_constant:
+            found["solreffriction"] = numbers(-1.0, -d / timestep)
+    # the direct format counts what a contact alone does with its impedance; two of them carry a flat box
+    reference = (-d * softness.recovery / timestep ** 2, -(1.0 + d) / 2 / timestep)
+    return found | {"solref": numbers(*(softness.time_constant, 1.0) if softness.time_constant else reference),
+                    "solimp": numbers(d, d, 0.001, 0.5, 2.0)}
+
+
 def _inward(guide: Translational, corners: list[tuple[float, float]], side: str) -> tuple[float, float]:
-    """From a surface into the slider, across the guide, in the slider's axes."""
+    """Return the direction from a surface into the slider, across the guide, in the slider's axes."""
     (x0, y0), (x1, y1) = corners[0], corners[3]
     length = hypot(x1 - x0, y1 - y0)
     return SIDES[side] * (x1 - x0) / length, SIDES[side] * (y1 - y0) / length

@@ -8,15 +8,14 @@ the share `impedance` is applied, and a sticking slider would creep; MuJoCo's `n
 more without that.
 
 Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`);
-contacts have elliptic cones. The adapter also sets the damping of a guide's friction before each step, which brings a
-slider to rest within a step, or opposes its slip with a few times the acceleration that friction and the last step
+contacts have elliptic cones. The adapter also sets the damping of a guide's friction before each step. It brings a
+slider to rest within the step, or opposes its slip with a few times the acceleration that friction and the last step
 show, less what a load drives it with. More of it separates the surfaces, and a slider between two of them is pumped.
 """
 
 from __future__ import annotations
 
 import contextlib
-from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -32,8 +31,8 @@ from stiction.engines.protocol import EngineFailure, Refused, accepted
 from stiction.engines.shared.acceleration_integrator import TreeAccelerations
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import Defaults, settings_of
-from stiction.engines.shared.friction_bound import CAPPED, CONTACT, ContactFriction
-from stiction.engines.shared.joint_coordinates import TreeStepper, motor_link
+from stiction.engines.shared.friction_bound import CAPPED, CONTACT
+from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper, motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene
@@ -203,16 +202,7 @@ class _Stepper(TreeStepper):
     def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self.position[:], self.velocity[:] = position, velocity
 
-    @abstractmethod
-    def set_friction(self, caps: Sequence[float]) -> None:
-        """Give the frictions of the step what they are bounded by."""
-
-    @abstractmethod
-    def read_friction(self, caps: Sequence[float]) -> None:
-        """Take in what they were."""
-
     def advance(self, caps: Sequence[float]) -> None:
-        self.set_friction(caps)
         for link, rate in self.rates.items():
             self._drive_force[link] = ROTOR * (rate - self.velocity[link]) / self.h
         if self.loaded:
@@ -220,7 +210,6 @@ class _Stepper(TreeStepper):
         self.clock.call(self._advance_engine, self.model, self.data)
         if self._warnings:
             raise FloatingPointError(self._warnings[0])
-        self.read_friction(caps)
 
 
 class _JointStepper(_Stepper):
@@ -231,11 +220,10 @@ class _JointStepper(_Stepper):
         self._loss = self.model.dof_frictionloss
         self._by_link = sorted(range(len(self.friction_links)), key=self.friction_links.__getitem__)
 
-    def set_friction(self, caps: Sequence[float]) -> None:
+    def advance(self, caps: Sequence[float]) -> None:
         for link, cap in zip(self.friction_links, caps):
             self._loss[link] = cap
-
-    def read_friction(self, caps: Sequence[float]) -> None:
+        super().advance(caps)
         # rows of friction stand behind those of loops, by joint; none where the bound is 0
         row, force = self.data.ne, self.data.efc_force
         for i in self._by_link:
@@ -243,15 +231,11 @@ class _JointStepper(_Stepper):
             row += caps[i] > 0.0
 
 
-class _ContactStepper(_Stepper):
+class _ContactStepper(ContactStepper, _Stepper):
     """Sliders as boxes between two planes each."""
-
-    fidelity = "contact"
-    friction: ContactFriction
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
         super().__init__(scene, h, options, warnings)
-        self.friction = ContactFriction(scene, self.tree)
         model, self._impedance = self.model, options["impedance"]
         self._adapted = options["friction_damping"] == "adapted"
         self._damped = not options["time_constant"]  # else MuJoCo's own
@@ -280,35 +264,35 @@ class _ContactStepper(_Stepper):
         push = np.array([*direction_of(guide), 0.0]) @ jacobian
         return float(1.0 / (push @ np.linalg.solve(mass, push)))
 
-    def set_friction(self, caps: Sequence[float]) -> None:
-        self._coefficients = self.friction.coefficients()
-        bounds, references, h = self._bounds, self._references, self.h
+    def rub(self, coefficients: Sequence[float]) -> None:
+        bounds, references, h, self._coefficients = self._bounds, self._references, self.h, coefficients
         for i, (pairs, *_) in enumerate(self._guides):
-            coefficient = self._coefficients[i]
             damping = -self._impedance * (slip_damping(self._wanted[i], self._speeds[i], h) if self._adapted
                                           else 1.0 / h)
             for pair in pairs:
                 # of five: two directions, and rotations, which have none
-                bounds[5 * pair] = bounds[5 * pair + 1] = coefficient
+                bounds[5 * pair] = bounds[5 * pair + 1] = coefficients[i]
                 if self._damped:
                     references[2 * pair + 1] = damping
 
-    def read_friction(self, caps: Sequence[float]) -> None:
-        if not self._guides:
-            return
-        measured, normals, frictions, along = self.data.sensordata.tolist(), [], [], []
+    def contact_forces(self) -> tuple[list[float], list[float]]:
+        measured, normals, frictions, self._along = self.data.sensordata.tolist(), [], [], []
         for _, (lower, upper), ux, uy, _ in self._guides:
             (ax, ay), (bx, by) = measured[lower:lower + 2], measured[upper:upper + 2]
             normals.append(abs(ux * ay - uy * ax) + abs(ux * by - uy * bx))
             frictions.append(abs(ux * ax + uy * ay) + abs(ux * bx + uy * by))
-            along.append(ux * (ax + bx) + uy * (ay + by))
-        self.friction.observe(self.position, self.velocity, self._coefficients, normals, frictions)
-        before, self._speeds = self._speeds, self.friction.data.slip_speeds.tolist()
+            self._along.append(ux * (ax + bx) + uy * (ay + by))
+        return normals, frictions
+
+    def advance(self, caps: Sequence[float]) -> None:
+        super().advance(caps)
+        data, before = self.friction.data, self._speeds
+        loads, self._speeds = data.loads.tolist(), data.slip_speeds.tolist()
         for i, (*_, mass) in enumerate(self._guides):
-            sense, bound = copysign(1.0, self._speeds[i]), self._coefficients[i] * normals[i] / mass
+            sense, bound = copysign(1.0, self._speeds[i]), loads[i] / mass
             gained = sense * (self._speeds[i] - before[i]) / self.h
             # of itself: it recruits of the normal force what a reference of its size does
-            driven = max(gained - sense * along[i] / mass, 0.0)
+            driven = max(gained - sense * self._along[i] / mass, 0.0)
             self._wanted[i] = max(self._times(self._coefficients[i]) * max(bound, -gained) - driven, 0.0)
 
 

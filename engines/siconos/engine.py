@@ -22,7 +22,7 @@ BOUNDS = {"theta": (0.5, 1.0), "clearance": (1e-12, 1.0), "restitution": (0.0, 1
 class SiconosEngine(ProgramEngine):
     """Siconos's kernel (Moreau-Jean, unilateral contacts with friction), run by the Python of the system.
 
-    `solver.py` beside this module is the program, ``siconos.toml`` its declaration with the settings: `theta` of
+    `solver.py` next to this module is the program, ``siconos.toml`` its declaration with the settings: `theta` of
     MoreauJeanOSI; `clearance` in parts of the mechanism's size and `restitution`, as of
     `stiction.engines.reference.moreau.MoreauEngine`; `tolerance` of a step, in parts of its largest speed;
     `iterations` of Gauss-Seidel; `block`, the solver of one contact in an iteration: nsgs, cpg, lemke or enum.

@@ -121,7 +121,7 @@ def coordinate(place: dict[str, int], element: Scene) -> Function:
 
 
 class Contact:
-    """A corner of a slider beside a surface of its guide: side 1 pushes along the normal, -1 against it."""
+    """A corner of a slider next to a surface of its guide: side 1 pushes along the normal, -1 against it."""
 
     def __init__(self, name: str, guide: Scene, corner: int, clearance: float, restitution: float,
                  place: dict[str, int]) -> None:

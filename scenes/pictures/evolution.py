@@ -13,7 +13,7 @@ from stiction.scenes.pictures.picture import COLORS, CYCLE, Picture, rc
 from stiction.scenes.trajectory import Trajectory
 
 MOST_LINES = 8
-"""In one panel; the legend says how many there are."""
+"""Lines in one panel; the legend says how many there are."""
 _DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
 _PANELS = {r"\.displacement": "displacement [m]", r"\.slip_velocity": "slip velocity [m/s]",
            r"\.F[1-4]": "corner forces [N]", r"\.friction": "friction [N]", r"\.effort": "driving effort"}

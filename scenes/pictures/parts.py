@@ -78,7 +78,7 @@ class Stroke:
     """A load and its sign, -1 or 1, at which it is drawn"""
 
     def place(self, poses: Poses) -> np.ndarray:
-        """In ground axes; shape (n, 2)."""
+        """Return the points in ground axes; shape (n, 2)."""
         return poses[self.at[0]].place(self.at[1]) + poses[self.axes].turn(self.points)
 
 
@@ -96,7 +96,10 @@ class Link:
     axis: Point | None
 
     def place(self, poses: Poses, unit: float) -> np.ndarray:
-        """In ground axes; shape (n, 2). One with an axis that is shorter than a symbol shows where it leads to."""
+        """Return the points in ground axes; shape (n, 2).
+
+        One with an axis that is shorter than a symbol shows where it leads to.
+        """
         first, second = link_ends(self.bodies, self.ends, self.axis, poses)
         if np.hypot(*(first - second)) < unit and self.axis is not None and LOOKS[self.look].arrow:
             first = second + AXIS_ARROW * unit * unit_vector(poses[self.bodies[1]].turn(self.axis))
@@ -115,7 +118,7 @@ class Label:
     axes: str = GROUND
 
     def place(self, poses: Poses) -> np.ndarray:
-        """In ground axes; shape (2,)."""
+        """Return the point in ground axes; shape (2,)."""
         return poses[self.at[0]].place(self.at[1]) + poses[self.axes].turn(self.point)
 
 

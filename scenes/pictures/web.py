@@ -19,7 +19,7 @@ from stiction.scenes.pictures.geometry import LONGEST_ARROW, View
 from stiction.scenes.pictures.parts import LOOKS, CornerForce, Label, Link, Stroke, parts
 
 CONTENT_SECURITY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
-"""What a browser lets a page do: nothing with the network."""
+"""Permissions of a page in a browser: nothing with the network."""
 SHORT, LONG = 16, 32
 """Bits of a number. 16: to 8e-6 of the range of its column, finer than a screen shows; 32: to 1e-10."""
 KINDS = {Stroke: "stroke", Label: "label", CornerForce: "force", Link: "link"}

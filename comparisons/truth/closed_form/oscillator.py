@@ -2,11 +2,10 @@
 
     m x'' = -k (x - x0) + F0 + P sin(Omega t + phi) - mu N sgn(x' - u)
 
-with a surface that moves at constant speed u (0: Den Hartog's oscillator; not 0: mass on a belt). In slip this
-is a linear oscillator about a shifted centre, in stick x' = u, and a phase ends at the first zero of an
-elementary function whose third derivative is bounded. `first_zero` steps towards it from the left over
-h where the Taylor polynomial minus the bound is positive: it can overlook no zero, and converges like Newton's method.
-Its steady states: `steady_oscillator.py`.
+with a surface that moves at constant speed u (0: Den Hartog's oscillator; not 0: mass on a belt). In slip this is a
+linear oscillator about a shifted centre, in stick x' = u. A phase ends at the first zero of an elementary function
+whose third derivative is bounded. `first_zero` steps towards it from the left over h where the Taylor polynomial minus
+the bound is positive: it can overlook no zero, and converges like Newton's method.
 """
 
 from __future__ import annotations

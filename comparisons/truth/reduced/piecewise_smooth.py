@@ -107,7 +107,7 @@ class PiecewiseMechanism(ABC, Generic[AMode]):
 
     @abstractmethod
     def slip(self, mode: AMode) -> tuple[int, ...]:
-        """Per guide the direction of slip, 0 in stick."""
+        """Return the direction of slip of each guide, 0 in stick."""
 
     def corner_guide(self, mode: AMode, guard: int) -> int:
         """Number of the guide whose corner force a guard of a mode watches."""

@@ -1,4 +1,4 @@
-"""From the motion of a reduced mechanism to a Truth: columns, two-sided events, uncertainty."""
+"""Truth of the motion of a reduced mechanism: columns, two-sided events, uncertainty."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 """Random slider-bars against the independent solution, and what the truths do where they have no single answer."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.random_scenes import random_slider_bars
 from stiction.comparisons.random_scenes.random_slider_bars import (AGREES, GRAZES, REFERENCE_REFUSES, SAME_BREAKDOWN,
                                                                    STUDY, T_END, TRUTH_REFUSES, UNDECIDED, difference,
-                                                                   draws, judge, slider_bar)
+                                                                   drawn, judge, slider_bar)
 from stiction.comparisons.truth import (NO_TRUTH, NoMotion, NotThisMechanism, Undecided, incline_truth,
                                         oscillator_truth, slider_bar_truth)
 from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation
@@ -33,19 +34,16 @@ SELF_LOCKING = {"F0": 2.173292141249958, "L": 1.5430006912566827, "w0": 5.052669
 
 
 def test_reference_follows_the_truth():
-    found = [verdict for [[verdict]] in STUDY.judged(1, range(18), [1e-9])]  # every night 400 more
+    found = [verdict for i in range(18) for verdict in STUDY.judge(1, i, [1e-9])]  # every night 400 more
     wrong = [verdict for verdict in found if verdict.outcome not in (AGREES, GRAZES, SAME_BREAKDOWN)]
     assert not wrong, wrong
     assert sum(verdict.outcome == AGREES for verdict in found) > 12  # two thirds: else the draw tests refusals only
 
 
 @pytest.mark.long
-def test_reference_follows_the_truth_20_000_times(capsys):
-    found = [verdict for by_rtol in STUDY.judged(20_000, range(20_000), [1e-9, 1e-12], processes=2) for [verdict] in by_rtol]
-    with capsys.disabled():
-        print(f"\n{STUDY.table(found).to_string(index=False)}")
-    wrong = [verdict for verdict in found if verdict.outcome not in (AGREES, GRAZES, SAME_BREAKDOWN)]
-    assert not wrong, wrong[:20]
+def test_reference_follows_the_truth_20_000_times():
+    counts = Counter(verdict.outcome for _, verdict in STUDY.judged(20_000, 0, 20_000))
+    assert counts.keys() <= {AGREES, GRAZES, SAME_BREAKDOWN}, counts
 
 
 def test_a_run_of_another_scene_is_not_the_truth():
@@ -74,15 +72,15 @@ def test_classes_of_refusals(error, run_stops_at, outcome, monkeypatch):
         raise error
 
     monkeypatch.setattr(random_slider_bars, "slider_bar_truth", refuse)
-    assert judge(next(draws(1, 0)), [1e-9])[0].outcome == outcome
+    assert judge(drawn(0, 0), [1e-9])[0].outcome == outcome
 
 
 def test_the_truth_answers_or_refuses_by_type():
     """Chatter of corners at rest was undecided in 13 of 80 scenes."""
     refused = []
-    for parameters in draws(20, seed=3):
+    for i in range(20):
         try:
-            truth = slider_bar_truth(slider_bar(parameters), T_END)
+            truth = slider_bar_truth(slider_bar(drawn(3, i)), T_END)
         except NoMotion as error:
             refused.append(error)
             continue

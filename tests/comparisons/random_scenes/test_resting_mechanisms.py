@@ -163,8 +163,8 @@ def test_a_fault_repeats_by_its_command(capsys, monkeypatch, compiled):
         return replace(true(scene, motion, run, rtol), outcome=SLIPS)
 
     monkeypatch.setattr(resting_mechanisms, "judge", wrong)
-    study = resting_mechanisms.STUDY
+    study = replace(resting_mechanisms.STUDY, rtols=(1e-12,))
     command = study.again(SEED, 0).split()
     assert command[:3] == ["python", "-m", resting_mechanisms.__name__]
-    assert study.main("", [*command[3:], "--rtol", "1e-12", "--processes", "1"]) == 1
+    assert study.main(command[3:]) == 1
     assert capsys.readouterr().out.count(f"trammel 0 of seed {SEED}, ") == 3

@@ -26,6 +26,7 @@ from stiction.comparisons.truth.truth import SAMPLES
 from stiction.comparisons.variants import Record
 from stiction.reports.run_folder.reproduce import again, again_held, again_study
 from stiction.scenes import Trajectory, catalogue, load_scene
+from stiction.scenes.motion_table import with_sides
 from stiction.scenes.trajectory import events_frame
 
 TRUTH = "truth/"
@@ -171,9 +172,7 @@ def truth_file(name: str) -> str:
 def truth_frame(truth: Truth) -> pd.DataFrame:
     """Return `SAMPLES` rows of a truth, and two more per event: the values before and after it."""
     t = np.linspace(0.0, truth.t_end, SAMPLES)
-    sides = [{"t": event.time, **side} for event in truth.events for side in (event.before, event.after)]
-    frame = pd.concat([pd.DataFrame({"t": t, **truth(t)}), pd.DataFrame(sides)])
-    return frame.sort_values("t", kind="stable", ignore_index=True)
+    return with_sides(pd.DataFrame({"t": t, **truth(t)}), truth.events)
 
 
 def storable(table: pd.DataFrame) -> pd.DataFrame:

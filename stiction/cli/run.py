@@ -18,8 +18,6 @@ from stiction.cli.prove import verified_set
 from stiction.cli.render import EVENTS_SHOWN, or_shown, progress, show, show_table, show_trajectory, write_table
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from stiction.scenes import InputError, Scene, Trajectory
 
 commands = typer.Typer()
@@ -61,20 +59,12 @@ def run(scene: SceneName, engine: EngineName = "reference", fidelity: Fidelity =
         show_trajectory(trajectory, loaded)
     else:
         with or_shown(lambda: show_trajectory(trajectory, loaded)):
-            write_table(_frame(trajectory, events), out)
+            write_table(trajectory.to_frame(events), out)
         print(out)
     write_pictures(trajectory, plot, animation)
     if trajectory.termination != "end":
         where = "" if trajectory.breakdown or not len(trajectory.t) else f" at t = {trajectory.t[-1]:g} s"
         raise ended(FAILED, f"{title}: stopped{where}: {trajectory.termination}")
-
-
-def _frame(trajectory: Trajectory, events: bool) -> pd.DataFrame:
-    if not events:
-        return trajectory.to_frame()
-    from stiction.comparisons.truth_folder import two_sided_frame
-
-    return two_sided_frame(trajectory)
 
 
 def _in_child(title: str, function: Callable[..., Any], arguments: tuple[Any, ...], timeout: float,

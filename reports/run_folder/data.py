@@ -24,6 +24,7 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.truth.truth import SAMPLES
 from stiction.comparisons.variants import Record
+from stiction.engines.registry import label_of
 from stiction.reports.run_folder.reproduce import again, again_held, again_study
 from stiction.scenes import Trajectory, catalogue, load_scene
 from stiction.scenes.motion_table import with_sides
@@ -59,9 +60,9 @@ def _variants(results: Results) -> pd.DataFrame:
         stated = variant.settings if trajectory is None else trajectory.settings
         others = {key: value for key, value in stated.items() if key not in (*named, "method", variant.parameter)}
         rows.append({
-            "variant": variant.label, "engine": variant.engine, "version": trajectory.version if trajectory else None,
-            "fidelity": variant.fidelity, "ladder": f"{variant.parameter} = {words(variant.ladder)}",
-            "method": words(stated.get("method")),
+            "variant": variant.label, "engine": label_of(variant.engine),
+            "version": trajectory.version if trajectory else None, "fidelity": variant.fidelity,
+            "ladder": f"{variant.parameter} = {words(variant.ladder)}", "method": words(stated.get("method")),
             **{key.replace("_", " "): words(stated.get(key)) for key in named}, "other settings": words(others)})
     return pd.DataFrame(rows)
 

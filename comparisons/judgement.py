@@ -25,7 +25,7 @@ from stiction.comparisons.measures.torque_jumps import SAMPLES, torque_table
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.truth.truth import Columns
-from stiction.comparisons.truth_folder import is_truth_folder, read_truth, two_sided_frame
+from stiction.comparisons.truth_folder import is_truth_folder, read_truth
 from stiction.comparisons.variants import Record, Variant
 from stiction.engines import coherence
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate, changed_modes
@@ -149,7 +149,7 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
                              "the folder")
         scene = vary(scene, {"t_end": t_end})
     if isinstance(frame, Trajectory):
-        frame = two_sided_frame(frame)
+        frame = frame.to_frame(events=True)
     return judged(scene, result_table(frame, scene, mapping, units), truth or ground_truth(scene))
 
 

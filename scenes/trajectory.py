@@ -253,16 +253,14 @@ class Trajectory:
         """A table with one row per output time.
 
         With `events`, two more rows per event, the values before and after it, so that a
-        jump is a vertical line and not an interpolation.
+        jump is a vertical line and not an interpolation; see `stiction.scenes.motion_table.with_sides`.
         """
         import pandas as pd
 
+        from stiction.scenes.motion_table import with_sides
+
         frame = pd.DataFrame({"t": self.t, **self.columns})
-        if not events or not self.events:
-            return frame
-        sides = [{"t": event.time, **side} for event in self.events for side in (event.before, event.after)]
-        two_sided = pd.DataFrame(sides, columns=frame.columns)
-        return pd.concat([frame, two_sided]).sort_values("t", kind="stable", ignore_index=True)
+        return with_sides(frame, self.events) if events else frame
 
 
 def events_frame(events: Iterable[Event]) -> pd.DataFrame:

@@ -9,13 +9,13 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, ValidationError
 
 from stiction.engines.program.declaration import Declaration
-from stiction.engines.program.process import run_program
+from stiction.engines.program.process import Ended, run_program
 from stiction.engines.protocol import BadTrajectory, EngineFailure, Refused
 from stiction.engines.registry import EngineBroken, EngineMissing
 from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine, read_declaration
@@ -49,15 +49,6 @@ class _Report(Model):
     setup_s: Annotated[float, Field(ge=0)] = 0.0
     engine_s: Annotated[float, Field(ge=0)] | None = None
     termination: Annotated[str, Field(min_length=1)] = "end"
-
-
-class Product(NamedTuple):
-    """Table and report that a program has made of a scene, step or tolerance with its settings, its CPU seconds."""
-
-    table: ResultTable
-    report: _Report
-    settings: Mapping[str, Any]
-    cpu_s: float
 
 
 class ProgramEngine(DeclaredEngine):
@@ -117,22 +108,6 @@ class ProgramEngine(DeclaredEngine):
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        made = self.product(scene, t_end, dt, rtol, output_step, settings)
-        report = made.report
-        setup = min(report.setup_s, made.cpu_s)
-        stepping = made.cpu_s - setup
-        engine_s = None if report.engine_s is None else min(report.engine_s, stepping)
-        return self.trajectory(scene, made.table, lambda columns: self._events(made, columns, t_end), made.settings,
-                               Cost(setup, 0.0, stepping, report.counters, engine_s), report.termination)
-
-    def product(self, scene: Scene, t_end: float, dt: float | None, rtol: float | None, output_step: float,
-                settings: Mapping[str, Any]) -> Product:
-        """Run the program and read what it has written; for arguments see `Engine.run`.
-
-        Raises
-        ------
-        Refused, EngineFailure, BadTrajectory
-        """
         declared = self.declaration
         chosen = {**declared.settings, **settings}
         method = {"rtol": rtol or DEFAULT_RTOL} if self.declared.adaptive else {"dt": step_of(dt, t_end)}
@@ -146,21 +121,30 @@ class ProgramEngine(DeclaredEngine):
             values = {key: str(path) for key, path in files.items()}
             values |= {key: repr(float(value)) for key, value in numbers.items()}
             words = [f"{key}={as_given(value)}" for key, value in chosen.items()]
-            most = declared.largest_file * _MIB
-            ended = run_program([str(self._program), *declared.arguments(values, words)], self.folder,
-                                declared.environment, place / "printed.txt", most)
-            if ended.code == REFUSAL:
-                raise Refused(ended.said or f"{self.name} ended with exit code {REFUSAL}, a refusal, and printed no "
-                                            "reason")
-            full = [path.name for path in place.iterdir() if path.stat().st_size >= most]
-            too_much = f"; {' and '.join(full)}: reached the limit of {declared.largest_file} MiB" if full else ""
-            if ended.code != 0 or too_much:
-                raise EngineFailure(f"{self.name}: {ended.words}{too_much}")
+            ended = self._ended([str(self._program), *declared.arguments(values, words)], place)
             if not files["result"].is_file():
                 raise BadTrajectory(f"{self.name} returned no file; expected one at {{result}}: {ended.words}")
             with self.reading():
                 table = result_table(files["result"], handed)
-            return Product(table, self._report(files["events"]), method | chosen, ended.cpu_s)
+            report = self._report(files["events"])
+        setup = min(report.setup_s, ended.cpu_s)
+        stepping = ended.cpu_s - setup
+        engine_s = None if report.engine_s is None else min(report.engine_s, stepping)
+        return self.trajectory(scene, table, lambda columns: self._events(report, table, columns, t_end),
+                               method | chosen, Cost(setup, 0.0, stepping, report.counters, engine_s),
+                               report.termination)
+
+    def _ended(self, command: list[str], place: Path) -> Ended:
+        """The end of a program that has not failed; its files lie in a folder."""
+        most = self.declaration.largest_file * _MIB
+        ended = run_program(command, self.folder, self.declaration.environment, place / "printed.txt", most)
+        if ended.code == REFUSAL:
+            raise Refused(ended.said or f"{self.name} ended with exit code {REFUSAL}, a refusal, and printed no reason")
+        full = [path.name for path in place.iterdir() if path.stat().st_size >= most]
+        too_much = f"; {' and '.join(full)}: reached the limit of {self.declaration.largest_file} MiB" if full else ""
+        if ended.code != 0 or too_much:
+            raise EngineFailure(f"{self.name}: {ended.words}{too_much}")
+        return ended
 
     def _report(self, path: Path) -> _Report:
         try:
@@ -171,11 +155,12 @@ class ProgramEngine(DeclaredEngine):
             wrong = f"are not JSON: {error}"
         raise BadTrajectory(f"{self.name} returned events that {wrong}")
 
-    def _events(self, made: Product, columns: Mapping[str, np.ndarray], t_end: float) -> Iterator[Event]:
+    def _events(self, report: _Report, table: ResultTable, columns: Mapping[str, np.ndarray],
+                t_end: float) -> Iterator[Event]:
         """Events with the two rows that the table has at their times."""
-        sides = list(made.table.jumps(columns))
+        sides = list(table.jumps(columns))
         times = np.array([time for time, *_ in sides])
-        for event in made.report.events:
+        for event in report.events:
             near = np.flatnonzero(np.abs(times - event.time) <= _SAME * t_end)
             if not len(near):
                 raise BadTrajectory(f"{self.name} returned {event.kind} of {event.joint} at t = {event.time:.12g} s; "

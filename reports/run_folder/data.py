@@ -24,8 +24,10 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.truth.truth import SAMPLES
 from stiction.comparisons.variants import Record
+from stiction.engines.registry import label_of
 from stiction.reports.run_folder.reproduce import again, again_held, again_study
 from stiction.scenes import Trajectory, catalogue, load_scene
+from stiction.scenes.motion_table import with_sides
 from stiction.scenes.trajectory import events_frame
 
 TRUTH = "truth/"
@@ -58,9 +60,9 @@ def _variants(results: Results) -> pd.DataFrame:
         stated = variant.settings if trajectory is None else trajectory.settings
         others = {key: value for key, value in stated.items() if key not in (*named, "method", variant.parameter)}
         rows.append({
-            "variant": variant.label, "engine": variant.engine, "version": trajectory.version if trajectory else None,
-            "fidelity": variant.fidelity, "ladder": f"{variant.parameter} = {words(variant.ladder)}",
-            "method": words(stated.get("method")),
+            "variant": variant.label, "engine": label_of(variant.engine),
+            "version": trajectory.version if trajectory else None, "fidelity": variant.fidelity,
+            "ladder": f"{variant.parameter} = {words(variant.ladder)}", "method": words(stated.get("method")),
             **{key.replace("_", " "): words(stated.get(key)) for key in named}, "other settings": words(others)})
     return pd.DataFrame(rows)
 
@@ -171,9 +173,7 @@ def truth_file(name: str) -> str:
 def truth_frame(truth: Truth) -> pd.DataFrame:
     """Return `SAMPLES` rows of a truth, and two more per event: the values before and after it."""
     t = np.linspace(0.0, truth.t_end, SAMPLES)
-    sides = [{"t": event.time, **side} for event in truth.events for side in (event.before, event.after)]
-    frame = pd.concat([pd.DataFrame({"t": t, **truth(t)}), pd.DataFrame(sides)])
-    return frame.sort_values("t", kind="stable", ignore_index=True)
+    return with_sides(pd.DataFrame({"t": t, **truth(t)}), truth.events)
 
 
 def storable(table: pd.DataFrame) -> pd.DataFrame:

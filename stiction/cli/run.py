@@ -58,13 +58,8 @@ def run(scene: SceneName, engine: EngineName = "reference", fidelity: Fidelity =
     if out is None:
         show_trajectory(trajectory, loaded)
     else:
-        frame = trajectory.to_frame()
-        if events:
-            from stiction.comparisons.truth_folder import two_sided_frame
-
-            frame = two_sided_frame(trajectory)
         with or_shown(lambda: show_trajectory(trajectory, loaded)):
-            write_table(frame, out)
+            write_table(trajectory.to_frame(events), out)
         print(out)
     write_pictures(trajectory, plot, animation)
     if trajectory.termination != "end":

@@ -6,8 +6,7 @@ import pytest
 
 from stiction.comparisons.judgement import judge
 from stiction.comparisons.measures.scene_truth import ground_truth
-from stiction.comparisons.truth_folder import TruthFolderError, read_truth, two_sided_frame, write_truth
-from stiction.engines import load_engine
+from stiction.comparisons.truth_folder import TruthFolderError, read_truth, write_truth
 from stiction.scenes import InputError, load_scene
 
 CASES = ["slider-bar-case-1", "slider-bar-case-3", "elliptic-trammel", "coulomb-oscillator", "pendulum", "hard/three-stop-at-once"]
@@ -87,14 +86,3 @@ def test_other_folders_are_refused(folder, tmp_path):
     (tmp_path / "truth.json").write_text("{}")
     with pytest.raises(TruthFolderError):
         read_truth(tmp_path)
-
-
-def test_events_of_independent_parts_have_all_columns(compiled):
-    """Interpolated where a part has no event: within what the truth and the run at rtol 1e-9 leave."""
-    scene = load_scene("hard/three-stop-at-once")
-    run = load_engine("reference").simulate(scene, rtol=1e-9, output_step=scene.t_end / 1000)
-    assert len(run.events[0].before) < len(run.columns)
-    frame, truth = two_sided_frame(run), ground_truth(scene)
-    assert frame.notna().all(axis=None) and len(frame) == len(run.t) + 2 * len(run.events)
-    true = truth(frame["t"].to_numpy())
-    assert max(np.abs(frame[name] - true[name]).max() for name in true if name.endswith((".x", ".vx"))) < 1e-7

@@ -47,6 +47,12 @@ def test_what_figures_show_is_stored_and_every_other_row_says_how_to_make_it(sma
             assert (here[TRAJECTORY].notna() ^ here[AGAIN].notna()).all() and all((folder / file).is_file() for file in here[TRAJECTORY].dropna()), name
 
 
+def test_an_engine_that_is_a_file_has_its_name_in_every_table(small, tmp_path):
+    mine = replace(small.records[0], variant=replace(small.records[0].variant, engine=str(tmp_path / "file.toml")))
+    tables = data_tables(replace(small, records=(mine,), timed=(), tables={}), ())
+    assert [list(tables[name]["engine"]) for name in ("runs", "variants")] == [["file"], ["file"]]
+
+
 def test_stored_runs_are_read_back_bit_by_bit(small, folder):
     files = data_tables(small, stored_keys(small))["runs"].set_index("key")[TRAJECTORY].dropna()
     for run in small.records:

@@ -1,0 +1,84 @@
+"""A motion as a table in order of time, with two rows, before and after, for an instant at which it jumps.
+
+Between its rows a motion is interpolated, on each smooth piece by itself: positions by polynomials of degree five that
+have the velocities and accelerations of the rows, modes by their first value, everything else by cubic splines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+import pandas as pd
+
+from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.trajectory import Event
+
+POSITIONS, VELOCITIES, ACCELERATIONS = BODY_COLUMNS
+_RATES = {**dict(zip(POSITIONS, VELOCITIES)), "displacement": "slip_velocity"}
+_SECOND_RATES = dict(zip(POSITIONS, ACCELERATIONS))
+
+
+def with_sides(frame: pd.DataFrame, events: Iterable[Event]) -> pd.DataFrame:
+    """Return a table of a motion, column ``t`` and others, with the two rows of each event.
+
+    An event of one of several independent parts does not have the columns of the others: there they are interpolated.
+    """
+    sides = pd.DataFrame([{"t": event.time, **side} for event in events for side in (event.before, event.after)],
+                         columns=frame.columns)
+    groups: dict[bytes, list[str]] = {}
+    for name in sides.columns[sides.isna().any() & frame.notna().all() & (len(frame) > 1)]:
+        groups.setdefault(sides[name].isna().to_numpy().tobytes(), []).append(name)
+    t = sides["t"].to_numpy()
+    for names in groups.values():
+        lacks = sides[names[0]].isna().to_numpy()
+        columns = interpolated(_in_order(frame[["t", *names]], sides.loc[~lacks, ["t", *names]]))
+        before, after = (columns(t[lacks], side) for side in ("before", "after"))
+        # of several events at one instant
+        passed = np.maximum.accumulate(np.where(lacks, -np.inf, t))[lacks] == t[lacks]
+        sides.loc[lacks, names] = np.array([np.where(passed, after[name], before[name]) for name in names]).T
+    return _in_order(frame, sides) if len(sides) else frame
+
+
+def interpolated(frame: pd.DataFrame) -> Callable[[np.ndarray, str], dict[str, np.ndarray]]:
+    """Return the columns of a table between its rows, by times (n,) and the side, ``"before"`` or ``"after"``.
+
+    Times that occur twice separate its smooth pieces.
+    """
+    t = frame["t"].to_numpy()
+    edges = [0, *np.flatnonzero(np.diff(t) == 0) + 1, len(t)]
+    pieces = [frame.iloc[first:behind] for first, behind in zip(edges, edges[1:]) if t[first] < t[behind - 1]]
+    starts = np.array([piece["t"].iloc[0] for piece in pieces])
+    curves = [_curves(piece) for piece in pieces]
+
+    def columns(at: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        number = np.maximum(np.searchsorted(starts, at, side="right" if side == "after" else "left") - 1, 0)
+        found = {name: np.empty(len(at)) for name in curves[0]}
+        for piece in np.unique(number):
+            here = number == piece
+            for name, curve in curves[piece].items():
+                found[name][here] = curve(at[here])
+        return found
+
+    return columns
+
+
+def _in_order(*parts: pd.DataFrame) -> pd.DataFrame:
+    return pd.concat(parts).sort_values("t", kind="stable", ignore_index=True)
+
+
+def _curves(piece: pd.DataFrame) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+    """A function of time for each column of a smooth piece."""
+    from scipy.interpolate import BPoly, CubicSpline, PPoly  # takes longer to import than most tables to make
+
+    t = piece["t"].to_numpy()
+    values = {str(name): column.to_numpy(float) for name, column in piece.items() if name != "t"}
+    curves = {name: PPoly(column[:1, None], t[[0, -1]]) if name.endswith(".mode") else CubicSpline(t, column)
+              for name, column in values.items()}
+    for name, position in values.items():
+        owner, _, label = name.rpartition(".")
+        if (rate := f"{owner}.{_RATES.get(label)}") in values:
+            second = values.get(f"{owner}.{_SECOND_RATES.get(label)}", curves[rate](t, 1))
+            curves[name] = BPoly.from_derivatives(t, np.stack([position, values[rate], second], axis=1))
+            curves[rate] = curves[name].derivative()
+    return curves

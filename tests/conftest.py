@@ -83,7 +83,7 @@ def here():
     """Tasks are called in this process instead of in children, each of which takes a second to start: for what is not about isolation."""
     with pytest.MonkeyPatch.context() as patch:
         for module in ("stiction.engines", "stiction.comparisons.campaigns.nightly", "stiction.comparisons.campaigns.comparison",
-                       "stiction.comparisons.campaigns.executors"):
+                       "stiction.comparisons.campaigns.executors", "stiction.comparisons.conformance"):
             patch.setattr(f"{module}.isolate", called_here)
         yield
 

@@ -181,7 +181,7 @@ class TestFailures:
         result = invoke("run", "pendulum", "--engine", "no_such_package:Engine", exit_code=FAILED)
         assert "missing" in result.output and "no_such_package" in result.output
 
-    def test_nothing_to_compare_with_is_installed(self):
+    def test_nothing_to_compare_with_is_installed(self, in_this_process):
         missing = "no_such_package_anywhere:Engine"
         drift = ["compare", "drift", "pendulum", "--quick", "--t-end", "0.1", "--engines"]
         alone = invoke(*drift, missing, exit_code=FAILED)
@@ -202,7 +202,7 @@ class TestFailures:
 
 
 class TestCompare:
-    def test_torque(self, tmp_path):
+    def test_torque(self, tmp_path, in_this_process):
         result = invoke("compare", "torque", "slider-bar-case-1", "--quick", "--t-end", "3", "--engines", "reference",
                         "--out", str(tmp_path / "jumps.parquet"))
         jumps = pd.read_parquet(tmp_path / "jumps.parquet")

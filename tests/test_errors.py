@@ -61,7 +61,7 @@ def test_campaign_has_a_row_for_a_bug_and_its_traceback():
     assert (meant.status, meant.bug, meant.reason) == ("failed", False, "colour: found 'red'; expected none")
 
 
-def test_bug_of_an_engine_in_a_comparison_is_a_row_and_its_traceback(tmp_path, monkeypatch, compiled):
+def test_bug_of_an_engine_in_a_comparison_is_a_row_and_its_traceback(tmp_path, monkeypatch, in_this_process):
     (tmp_path / "buggy.py").write_text(BUGGY)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)

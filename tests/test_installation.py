@@ -30,7 +30,7 @@ def wheel(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def python(wheel, compiled, tmp_path_factory):
+def python(wheel, tmp_path_factory):
     """The interpreter of an environment that has the wheel, the libraries of this one, and not the checkout.
 
     Folders named in a .pth file have their own .pth files ignored, and so what makes an editable installation.
@@ -40,10 +40,6 @@ def python(wheel, compiled, tmp_path_factory):
     [packages] = environment.glob("[Ll]ib/**/site-packages")
     (packages / "libraries.pth").write_text("".join(f"{path}\n" for path in sys.path if Path(path).name == "site-packages"))
     zipfile.ZipFile(wheel).extractall(packages)
-    for machine_code in (path for name in FOLDERS for path in (ROOT / name).rglob("*.nb?")):  # of the same sources: saves compiling
-        place = packages / "stiction" / machine_code.relative_to(ROOT)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(machine_code, place)
     return environment / "bin" / "python" if os.name == "posix" else environment / "Scripts" / "python.exe"
 
 
@@ -76,15 +72,19 @@ def theirs(tmp_path):
 
 
 @pytest.mark.usefixtures("compiled")
-@pytest.mark.parametrize("installed", ["wheel", "as here"])
-def test_beside_packages_of_the_users(installed, theirs, request):
-    python = request.getfixturevalue("python") if installed == "wheel" else sys.executable
-    run(python, "-m", "stiction", "run", "pendulum", "--t-end", "1", "--out", "pendulum.csv", cwd=theirs)
+def test_beside_packages_of_the_users(theirs):
+    run(sys.executable, "-m", "stiction", "run", "pendulum", "--t-end", "1", "--out", "pendulum.csv", cwd=theirs)
     table = np.genfromtxt(theirs / "pendulum.csv", delimiter=",", names=True, deletechars="")
     assert table["t"][-1] == 1.0
     (theirs / "test_it.py").write_text("def test_it(stiction_scene):\n"
                                        "    assert stiction_scene('pendulum', 'reference', rtol=1e-8)['position error [m]'] < 1e-6\n")
-    assert "1 passed" in run(python, "-m", "pytest", "-q", "test_it.py", cwd=theirs)
+    assert "1 passed" in run(sys.executable, "-m", "pytest", "-q", "test_it.py", cwd=theirs)
+
+
+def test_a_wheel_beside_packages_of_the_users(python, theirs):
+    """Without a run of the reference, whose kernels would be compiled: half a minute, which the long test below takes."""
+    assert "yes" in run(python, "-m", "stiction", "explain", "slider-bar-case-1", cwd=theirs)
+    assert "stiction_scene" in run(python, "-m", "pytest", "--fixtures", cwd=theirs)
 
 
 def test_a_checkout_on_the_path_is_enough(tmp_path):

@@ -154,8 +154,7 @@ def test_unwritable_folder(tmp_path):
     refused(["validate", "--out", "locked/report"], ["--out", "locked"])
 
 
-@pytest.mark.parametrize("arguments", [["run", "nosuch"], ["run", "pendulum", "--setting", "colour=red"], ["compare", "drift"],
-                                       ["--nosuch"]])
+@pytest.mark.parametrize("arguments", [["run", "pendulum", "--setting", "colour=red"], ["--nosuch"]])
 def test_as_a_process(arguments):
     ended = subprocess.run([sys.executable, "-m", "stiction", *arguments], capture_output=True, text=True, timeout=600)
     assert ended.returncode == BAD_INPUT

@@ -11,7 +11,7 @@ from conftest import installed
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
-from stiction.engines import BadTrajectory, EngineFailure, Job, load_engine, run_isolated
+from stiction.engines import BadTrajectory, EngineFailure, load_engine
 from stiction.engines.examined import Examined
 from stiction.engines.gate import problems, required_columns
 from stiction.engines.reference.engine import ReferenceEngine
@@ -374,14 +374,6 @@ def test_a_table_that_vibrates_as_often_as_it_is_looked_at_is_no_fault():
                                   "law": {"type": "sine", "amplitude": 0.01, "frequency": 200 * np.pi}}}}
     run = Sound().simulate(scene_from_dict(table, name="table"), rtol=1e-8)
     assert len(run.t) == 101 and np.ptp(run["table.vx"]) < 1e-6 and np.abs(run["table.x"]).max() < 1e-6
-
-
-def test_in_isolation_they_are_failed_runs_between_others(scene):
-    engine = f"{__name__}:Misbehaving"
-    jobs = [Job(fault, engine, scene, {"t_end": T_END, "rtol": 1e-6, "fault": fault}) for fault in ("nothing", "half the time", "without drift")]
-    outcomes = run_isolated([*jobs, Job("sound", f"{__name__}:Sound", scene, {"t_end": T_END, "rtol": 1e-6})], workers=1, timeout_s=600)
-    assert [outcome.status for outcome in outcomes] == ["failed"] * 3 + ["ok"]
-    assert all(FAULTS[outcome.label][1] in outcome.reason for outcome in outcomes[:3])
 
 
 @pytest.mark.parametrize("name", ["slider-bar-case-1", "four-bar", "slider-on-moving-guide", "elliptic-trammel", "mass-on-belt",

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 import textwrap
-import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -37,6 +36,7 @@ def outcomes():
     tasks = [Task("first", product, (6, 7)),
              Task("abort", say_and_abort),
              Task("segfault", segfault),
+             Task("kill", signal.raise_signal, (signal.SIGKILL,)),
              Task("exit", leave, (3,)),
              Task("exit at once", leave_at_once, (0,)),
              Task("raise", fail, (ArithmeticError, "matrix is singular\nat step 7")),
@@ -58,6 +58,7 @@ def outcomes():
     ("first", "ok", ""),
     ("abort", "crashed", "SIGABRT: "),
     ("segfault", "crashed", "SIGSEGV"),
+    ("kill", "crashed", "SIGKILL (killed from outside"),
     ("exit", "failed", "SystemExit: 3"),
     ("exit at once", "crashed", "exit code 0 before there was a result"),
     ("raise", "failed", "ArithmeticError: matrix is singular at step 7"),
@@ -77,6 +78,7 @@ def test_each_end_has_its_status_and_words(outcomes, label, status, reason):
 def test_native_words_on_abort_reach_reason_and_log(outcomes):
     assert "mass must be positive" in outcomes["abort"].reason
     assert "banner on standard output" in outcomes["abort"].log
+    assert outcomes["last"].log == ""
 
 
 def test_traceback_is_in_the_log(outcomes):
@@ -95,10 +97,6 @@ def test_what_a_child_logs_comes_in_on_the_way():
     assert [outcome.value for outcome in outcomes] == [3, 3] and said == ["note 0, ä", "note 1, ä", "note 2, ä"] * 2
     [alone] = isolate([Task("unheard", notes, (1,))], timeout_s=TIMEOUT_S)
     assert alone.value == 1
-
-
-def test_log_belongs_to_one_task(outcomes):
-    assert outcomes["last"].log == ""
 
 
 def test_a_task_that_is_never_read_has_no_words_of_the_one_before_it():
@@ -134,30 +132,13 @@ def test_cpu_and_wall_seconds(outcomes):
     assert outcomes["abort"].cpu_s is None and outcomes["abort"].wall_s > 0
 
 
-@pytest.mark.parametrize("function", [hang, hang_deaf])
-def test_hang_times_out_alone(function):
-    first, second, third = isolate([Task("a", product, (1, 2)), Task("hang", function), Task("b", product, (3, 4))],
-                                   workers=1, timeout_s=5.0)  # of which the others need some milliseconds
-    assert (first.value, third.value) == (2, 12)
-    assert (second.status, second.reason) == ("timed out", "no result within 5 s")
-    assert second.wall_s >= 5.0
-
-
-def test_kill_from_outside_costs_one_task(tmp_path):
-    note = tmp_path / "pid"
-
-    def assassin():
-        while not (note.exists() and note.read_text()):
-            time.sleep(0.02)
-        os.kill(int(note.read_text()), signal.SIGKILL)
-
-    killer = threading.Thread(target=assassin)
-    killer.start()
-    victim, other = isolate([Task("victim", announce_and_hang, (str(note),)), Task("other", product, (5, 5))],
-                            workers=1, timeout_s=TIMEOUT_S)
-    killer.join()
-    assert (victim.status, "SIGKILL" in victim.reason) == ("crashed", True)
-    assert other.value == 25
+def test_what_hangs_times_out_alone():
+    """Two at once, one of them deaf to SIGTERM, between others, which need some milliseconds of the 5 s."""
+    tasks = [Task("a", product, (1, 2)), Task("hang", hang), Task("deaf", hang_deaf), Task("b", product, (3, 4))]
+    first, *hung, last = isolate(tasks, workers=2, timeout_s=5.0)
+    assert (first.value, last.value) == (2, 12)
+    for outcome in hung:
+        assert (outcome.status, outcome.reason) == ("timed out", "no result within 5 s") and outcome.wall_s >= 5.0
 
 
 def test_idle_child_that_is_killed_costs_nothing():

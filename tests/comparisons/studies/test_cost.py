@@ -1,6 +1,7 @@
 """The study of cost: its numbers from the tables by other code, missing data, and the runs that it plans."""
 
 import json
+from functools import cache
 from types import SimpleNamespace
 
 import pandas as pd
@@ -29,6 +30,11 @@ OWN_PART = {"pymunk": 0.5, "PyBullet": 0.25, "slow": 0.5, "pymunk, contact": 0.8
 
 
 def material():
+    return {name: table.copy() for name, table in first_order().items()}
+
+
+@cache
+def first_order():
     """Errors of first order, times as their inverse; the slow engine stays above 1 mm, one is not installed."""
     rows = []
     for number, scene in enumerate(CASES, 1):

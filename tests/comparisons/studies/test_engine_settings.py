@@ -96,7 +96,7 @@ def test_the_ratio_of_drifts_is_to_rounding_at_least():
 
 
 @pytest.mark.parametrize(("iterations", "drifts"), [(10, True), (100, False)])
-def test_the_study_sees_a_solver_that_lets_a_drive_go(iterations, drifts):
+def test_the_study_sees_a_solver_that_lets_a_drive_go(iterations, drifts, in_this_process):
     """PyBullet's driven angle, past the first reversal: by 50 iterations it is held to rounding, by 10 it is not."""
     pytest.importorskip("pybullet")
     default = Variant("default", "pybullet", "dt", (4e-3,))
@@ -242,15 +242,14 @@ def test_an_engine_without_settings_of_the_study_is_refused():
 def test_command(tmp_path, in_this_process, monkeypatch):
     few = short_study()
     monkeypatch.setattr(engine_settings, "load_study", lambda: few)
-    picture, file = tmp_path / "settings.png", tmp_path / "settings.csv"
+    file = tmp_path / "settings.csv"
     command = ["compare", "settings", "slider-bar-case-1", "--engines"]
-    ended = CliRunner().invoke(app, [*command, "pymunk", "--t-end", "0.4", "--repeats", "2", "--plot", str(picture),
-                                     "--out", str(file)])
+    ended = CliRunner().invoke(app, [*command, "pymunk", "--t-end", "0.1", "--repeats", "1", "--out", str(file)])
     assert ended.exit_code == 0, ended.output
     rows = pd.read_csv(file)
     assert set(rows["fidelity"]) == {"joint", "contact"} and (rows["status"] == "ok").all()
     assert "iterations=20" in set(rows[SETTING])
-    assert picture.read_bytes().startswith(b"\x89PNG") and "The defaults are on the front" in ended.output
+    assert "The defaults are on the front" in ended.output
     ended = CliRunner().invoke(app, [*command, "reference"])
     assert ended.exit_code == BAD_INPUT and "which the study has settings of" in ended.output
 

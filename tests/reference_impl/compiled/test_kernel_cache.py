@@ -91,32 +91,26 @@ def test_an_installation_that_cannot_be_written_uses_the_home(folder):
     assert list((folder / "home" / ".cache" / "stiction").rglob("made.times-*.nbc"))
 
 
-def test_without_a_home_a_temporary_folder_is_used_and_said(unwritable):
+def test_without_a_home_a_temporary_folder_is_used_and_said_unless_others_can_write_it(unwritable):
     folder, environment = unwritable
     result, compiled, note = call(folder, **environment)
     assert (result, compiled) == (42.0, 1)
     assert note.count("\n") == 1 and f"compiled kernels are kept in {folder}/temporary/stiction-" in note and "NUMBA_CACHE_DIR" in note
     assert call(folder, **environment) == (42.0, 0, "")
-
-
-def test_a_temporary_folder_that_others_can_write_is_not_used(unwritable):
-    folder, environment = unwritable
-    call(folder, **environment)
     [own] = (folder / "temporary").iterdir()
     own.chmod(0o777)
     result, compiled, note = call(folder, **environment)
     assert (result, compiled) == (42.0, 1) and "not kept" in note
 
 
-def test_where_nothing_can_be_written_kernels_are_compiled_each_time(unwritable):
+def test_where_nothing_can_be_written_kernels_are_not_kept(unwritable):
     folder, environment = unwritable
-    for _ in range(2):
-        result, compiled, note = call(folder, "tempfile.tempdir = '/dev/null/none'", **environment)
-        assert (result, compiled) == (42.0, 1) and note.count("\n") == 1 and "not kept" in note
+    result, compiled, note = call(folder, "tempfile.tempdir = '/dev/null/none'", **environment)
+    assert (result, compiled) == (42.0, 1) and note.count("\n") == 1 and "not kept" in note
 
 
 def test_a_folder_that_is_asked_for_is_the_only_one(folder):
-    call(folder)
+    called_here(folder)
     assert call(folder, NUMBA_CACHE_DIR=str(folder / "chosen")) == (42.0, 1, "")
     assert call(folder, NUMBA_CACHE_DIR=str(folder / "chosen")) == (42.0, 0, "")
 
@@ -175,9 +169,9 @@ print(all(kernel.is_kept for kernel in kernels), made.times(1.0), made.squared(3
 """
 
 
-@pytest.mark.parametrize("before", ["", "import sys; sys.executable = '/dev/null/python'", "import sys; sys.executable = '/bin/false'",
+@pytest.mark.parametrize("before", ["", "import sys; sys.executable = '/dev/null/python'",
                                     "import signal, sys; signal.signal(signal.SIGTERM, signal.SIG_IGN); sys.executable = made.__file__.replace('made.py', 'endless')"],
-                         ids=["two processes", "one that cannot start the other", "the other fails", "the other hangs and inherits that SIGTERM is ignored"])
+                         ids=["two processes", "one that cannot start the other", "the other hangs and inherits that SIGTERM is ignored"])
 def test_compiled_ahead(folder, before):
     (folder / "endless").write_text("#!/bin/sh\nexec tail -f /dev/null\n")
     (folder / "endless").chmod(0o755)
@@ -190,7 +184,7 @@ def squared(x: float) -> float:
 def cubed(x: float) -> float:
     return squared(x) * x
 """)
-    for said in (True, False):
+    for said in (True,) if before else (True, False):
         done = subprocess.run([sys.executable, "-c", AHEAD.format(before=before)], text=True, capture_output=True, check=True, timeout=300,
                               env={**os.environ, "PYTHONPATH": f"{folder}:{ROOT}"})
         assert done.stdout.split() == ["True", "2.0", "9.0", "8.0"]

@@ -6,6 +6,7 @@ torque. What is reached lies two to three digits below; it is stated in the READ
 """
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -31,13 +32,19 @@ def simulate(scene, **arguments):
     return load_engine("reference").simulate(scene, **arguments)
 
 
+@cache
+def tight(name):
+    """A slider-bar's scene, truth and tight run."""
+    scene = load_scene(name)
+    return scene, slider_bar_truth(scene), simulate(scene, **TIGHT)
+
+
 class TestSliderBar:
     """Cases 1 to 3 over 24 s, with mus > mu, mus = mu and without friction."""
 
     @pytest.mark.parametrize("name", VARIETIES)
     def test_states_events_and_torque(self, name):
-        scene = load_scene(name)
-        truth, run = slider_bar_truth(scene), simulate(scene, **TIGHT)
+        scene, truth, run = tight(name)
         found = errors(run, truth)
         assert run.termination == "end" and found["time covered [s]"] == 24.0
         assert found["position error [m]"] < 1e-9
@@ -49,8 +56,7 @@ class TestSliderBar:
     @pytest.mark.parametrize("name", CASES)
     def test_torque_jumps(self, name):
         """Two-sided values at each event; closed form -c sin(th) times the jump of x2''."""
-        scene = load_scene(name)
-        truth, run = slider_bar_truth(scene), simulate(scene, **TIGHT)
+        _, truth, run = tight(name)
         assert [event.kind for event in run.events] == [event.kind for event in truth.events]
         for found, true, closed in zip(run.events, truth.events, truth.jump_closed_form):
             assert abs(found.jump("motor.effort") - true.jump("motor.effort")) < 1e-8
@@ -59,9 +65,8 @@ class TestSliderBar:
     @pytest.mark.parametrize("name", CASES)
     def test_corner_forces_and_surface_frictions(self, name):
         """Forces of 100 N: 1e-8 N is the promise for torques, times one over the lever a/2 = 0.3 m, rounded up."""
-        scene = load_scene(name)
-        run = simulate(scene, **TIGHT)
-        true = slider_bar_truth(scene)(run.t)
+        _, truth, run = tight(name)
+        true = truth(run.t)
         away = np.all([abs(run.t - event.time) > 1e-6 for event in run.events], axis=0)
         for column in ("normal_force", "moment", "friction", "F1", "F2", "F3", "F4"):
             assert np.max(np.abs(run[f"guide.{column}"] - true[f"guide.{column}"])[away]) < 1e-7
@@ -69,8 +74,8 @@ class TestSliderBar:
     @pytest.mark.parametrize("name", CASES)
     def test_audit(self, name):
         """The HLCP solved afresh at 1000 instants: residual below 1e-10, and the same accelerations to rounding."""
-        scene = load_scene(name)
-        found = audit(simulate(scene, **TIGHT), Mechanism(scene, "projection"), 1000)
+        scene, _, run = tight(name)
+        found = audit(run, Mechanism(scene, "projection"), 1000)
         assert found.instants == 1000 and found.unsolved == 0
         assert found.complementarity < 1e-10
         assert found.acceleration < 1e-9
@@ -78,8 +83,8 @@ class TestSliderBar:
     @pytest.mark.parametrize("name", CASES)
     def test_baumgarte_is_the_same_motion(self, name):
         """The paper's alpha and beta at rtol 1e-10: stiff, but as accurate."""
-        scene = load_scene(name)
-        found = errors(simulate(scene, rtol=1e-10), slider_bar_truth(scene))
+        scene, truth, _ = tight(name)
+        found = errors(simulate(scene, rtol=1e-10), truth)
         assert found["position error [m]"] < 1e-9 and found["velocity error [m/s]"] < 1e-9
 
     @pytest.mark.parametrize("name", CASES)
@@ -90,10 +95,10 @@ class TestSliderBar:
         Their time constants are 1/alpha = 11 ms, the integrator steps by up to 40 ms at the limit of its stability.
         At rtol 1e-5 nothing is left of that: all events, no other, and 24 s of steps of some 10 ms, 1e-5 each.
         """
-        scene = load_scene(name)
+        scene, truth, _ = tight(name)
         runs = [simulate(scene, rtol=rtol, stabilization=stabilization) for rtol in (1e-2, 1e-3, 1e-4)]
         assert {run.termination for run in runs} == {"end"}
-        found = errors(simulate(scene, rtol=1e-5, stabilization=stabilization), slider_bar_truth(scene))
+        found = errors(simulate(scene, rtol=1e-5, stabilization=stabilization), truth)
         assert found["events missed"] == found["events spurious"] == 0
         assert found["position error [m]"] < 2400 * 1e-5
 

@@ -107,7 +107,7 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
     dt, t_end : float
         Step and end, seconds; where t_end is no multiple, all steps are a little shorter.
     integrator, options : str, mapping
-        Of `INTEGRATORS`, and all settings of the adapter's ``method="bristles"``.
+        One of `INTEGRATORS`, and all settings of the adapter's ``method="bristles"``.
     named : str
         The scene as a command line has it.
 

@@ -19,10 +19,12 @@ from stiction.reference_impl.friction.guides_at_rest import leave_together
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
 from stiction.reference_impl.friction.uniqueness import has_several
 from stiction.reference_impl.multibody.banded_systems import fill_cell_of, guides_of
-from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.dynamics import row_acceleration, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
+HOLDS, LEAVES = np.inf, -1.0
+"""Rest speeds of a guide that is at rest whatever its slip speed, and of one that leaves rest at this instant."""
 
 @kernel(allocates=True)
 def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integers, corner: IntegerTable,
@@ -36,21 +38,21 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
     corner : ndarray of int, shape (frictional, 2 or more)
         The corners' signs: before, and on return after.
     rest_speed : ndarray, shape (frictional,)
-        Slip speed (m/s) up to which a guide is at rest; negative: it has just broken away, in the direction `slip`.
+        Slip speed (m/s) up to which a guide is at rest; HOLDS; or LEAVES, in the direction `slip`.
 
     Returns
     -------
     outcome : int
-        Of the solver (`outcomes`), or SEVERAL, or JAM.
+        The solver's (`outcomes`), or SEVERAL, or JAM.
     """
     nf = len(m.friction)
     row_form(m, w, t, q, v)
     stuck = np.zeros(nf, dtype=np.bool_)
     for f in range(nf):
-        stuck[f] = rest_speed[f] >= 0.0 and abs(w.slip_speed[f]) <= rest_speed[f]
+        stuck[f] = abs(w.slip_speed[f]) <= rest_speed[f]
         if stuck[f]:
             slip[f] = 0
-        elif rest_speed[f] >= 0.0:
+        elif rest_speed[f] != LEAVES:
             slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
     if len(m.cell) < 2:
         return _settle(m, w, slip, stuck, corner)
@@ -166,9 +168,7 @@ def _other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int
         consistent = outcome == SOLVED
         for f in range(nf):
             if resting[f] and other[f] != 0:
-                accelerate[f] = -w.right[m.rows + f]
-                for r in range(len(w.force)):
-                    accelerate[f] += w.G[m.rows + f, r] * w.force[r]
+                accelerate[f] = row_acceleration(w, m.rows + f, w.force)
                 consistent = consistent and other[f] * accelerate[f] > rest
             elif resting[f]:
                 consistent = consistent and abs(accelerate[f]) <= rest

@@ -10,7 +10,7 @@ from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.integration.dop853 import BY_TIME, combine
 from stiction.reference_impl.integration.dop853_coefficients import EXTRA, STAGES, A, C
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.dynamics import largest_force
+from stiction.reference_impl.multibody.dynamics import largest_force, largest_speed
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
@@ -22,6 +22,8 @@ function starts at zero after its own event and must not fire on rounding. It do
 AT_ONCE = 100.0
 """Times its rounding up to which an event function is zero at the start of a step, where it may fall below zero at
 once."""
+NO_EVENT = -1
+"""Event function of a step that ends at none."""
 
 
 class Task(Bundle):
@@ -109,7 +111,7 @@ class Attempt(Record):
     counted: float
     """Fraction at which several motions were counted, where it is `lost`"""
     event: int
-    """Event function at its end, -1: none"""
+    """Event function at its end, or NO_EVENT"""
     reaches_stop: int
     aims: int
     """It aims at an expected event"""
@@ -170,14 +172,12 @@ class State(Bundle):
 
 
 def state(q: np.ndarray, v: np.ndarray, frictional: int) -> State:
-    """At time 0, before a contact mode has been chosen."""
+    """Return the state at time 0, before a contact mode has been chosen."""
     n, events = 2 * len(q), 3 * frictional
     s = State.zeros(y=n, y_old=n, y_new=n, probe=n, dy=n, scale=n, slip=frictional, corner=(frictional, 4),
-                    old_slip=frictional,
-                    old_corner=(frictional, 4), began=frictional, rest_speed=frictional, K=(STAGES + 1 + EXTRA, n),
-                    F=(7, n),
-                    audit_K=(STAGES + 1, n), at_start=events, seen=(STAGES, events), audit_seen=(STAGES, events),
-                    sampled=(NODES + 1, events),
+                    old_slip=frictional, old_corner=(frictional, 4), began=frictional, rest_speed=frictional,
+                    K=(STAGES + 1 + EXTRA, n), F=(7, n), audit_K=(STAGES + 1, n), at_start=events,
+                    seen=(STAGES, events), audit_seen=(STAGES, events), sampled=(NODES + 1, events),
                     bernstein=(2, NODES + 1), progress=(), attempt=())
     s.y[:len(q)], s.y[len(q):], s.corner[:], s.old_corner[:], s.began[:] = q, v, 1, 1, -np.inf
     return s
@@ -197,8 +197,7 @@ def remember(m, w, s):
     Forces in the unit of a guide's normal row.
     """
     n, y, p = len(m.inverse_mass), s.y, s.progress
-    for i in range(n // 3):
-        p.speed = max(p.speed, abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
+    p.speed = max(p.speed, largest_speed(m, y[n:]))
     largest = largest_force(m, w, w.force) if len(m.friction) else 0.0
     for f in range(len(m.friction)):
         normal = m.friction[f].row
@@ -213,7 +212,7 @@ def take_step(m, w, s, t, h):
 
 @kernel
 def take_audit_step(m, w, s, t, h):
-    """The same from y_old, in the room of audits; its end into `probe`."""
+    """Make a step from y_old, in the room of audits; its end goes into `probe`."""
     _stages(m, w, s, t, h, s.y_old, s.audit_K, s.probe, s.dy, s.audit_seen)
 
 

@@ -26,8 +26,8 @@ from stiction.comparisons.measures.drift_growth import BOUNDED, INCONCLUSIVE, RO
 from stiction.comparisons.measures.steady_stretch import Stretch, run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.presentation import Column, Presentation, TracedText, count, listed, traced, view
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.stabilization_drift import (LENGTHS, NONE, PAPERS, drift_findings,
-                                                              drift_study_comparison, longest, run_name)
+from stiction.comparisons.studies.stabilization_drift import (LENGTHS, NONE, PAPERS, decisive_runs,
+                                                              drift_study_comparison, longest)
 from stiction.comparisons.studies.stick_threshold import STUDY as THRESHOLD_STUDY
 from stiction.comparisons.studies.stick_threshold import TRUTH
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -182,14 +182,12 @@ def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
     zero for drift that grows, and how far its spread is below that of a random walk for drift that does not. Drift that
     is no more than the rounding of a coordinate counts as bounded: the sentence is about the method.
     """
-    found = drift_findings(study, scene)
-    return [_drift_row(found, scene, **entry) for entry in _QUOTED["drift_claim"]]
+    return [_drift_row(decisive_runs(study, scene, PAPERS if entry["stabilized"] else NONE), **entry)
+            for entry in _QUOTED["drift_claim"]]
 
 
-def _drift_row(found: Mapping[str, list[Mapping[str, Any]]], scene: str, words: str, stabilized: bool,
-               allowed: Sequence[str], margin: str) -> dict[str, Any]:
-    choice = PAPERS if stabilized else NONE
-    runs = found[choice.label]
+def _drift_row(runs: Sequence[Mapping[Any, Any]], words: str, stabilized: bool, allowed: Sequence[str],
+               margin: str) -> dict[str, Any]:
     laws = [longest(run) for run in runs]
     held = [law in allowed for law, *_ in laws if law != INCONCLUSIVE]  # a run that is too short decides nothing
     said = UNDECIDED if not held else HOLDS if all(held) else PARTLY if any(held) else FAILS
@@ -197,7 +195,7 @@ def _drift_row(found: Mapping[str, list[Mapping[str, Any]]], scene: str, words: 
         "case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": said, "margin is": margin,
         "truth tier": "closed form",
         "found, HLCP, from the start": "; ".join(map(_law_in_words, runs)) or "no run",
-        "runs of the study": "; ".join(run_name(scene, choice.label, run["step"]) for run in runs)}
+        "runs of the study": "; ".join(run["run"] for run in runs)}
     margins = [1 - spread if stabilized else exponent - half for law, exponent, half, spread, _ in laws
                if law not in (ROUNDED, INCONCLUSIVE)]
     if margins:

@@ -16,7 +16,7 @@ starts with the angle of a later time has the later time's drift from the beginn
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
@@ -114,7 +114,7 @@ class LongRun:
 
     @property
     def name(self) -> str:
-        return run_name(self.scene.name, self.choice.label, self.step)
+        return f"{self.scene.name}/{self.choice.label}/dt={self.step:g}"
 
     @property
     def stabilized(self) -> Scene:
@@ -128,11 +128,6 @@ class LongRun:
         return {"scene": self.scene.name, "choice": self.choice.label, "run": self.name,
                 "alpha [1/s]": self.choice.alpha or None, "beta [1/s]": self.choice.beta or None, "step": self.step,
                 "time [s]": self.t_end}
-
-
-def run_name(scene: str, choice: str, step: float) -> str:
-    """The name of a run in the study and in the claims that rest on it."""
-    return f"{scene}/{choice}/dt={step:g}"
 
 
 def long_runs(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> list[LongRun]:
@@ -250,12 +245,12 @@ def drift_study(runs: Sequence[LongRun], outcomes: Sequence[Outcome]) -> Tables:
     return Tables({"study": table, "octaves": pd.DataFrame(octaves)})
 
 
-def drift_findings(table: pd.DataFrame, scene: str) -> dict[str, list[Mapping[str, Any]]]:
-    """For the paper's two statements about drift, by choice, the runs on its scene that they are decided by."""
+def decisive_runs(table: pd.DataFrame, scene: str, choice: Choice) -> list[dict[Hashable, Any]]:
+    """Return the runs on a scene that decide what the paper says of drift with a choice."""
     if table.empty:
-        return {NONE.label: [], PAPERS.label: []}
-    runs = table[(table["scene"] == scene) & (table["reason"] == "") & table["step"].isin(STEPS)]
-    return {choice.label: runs[runs["choice"] == choice.label].to_dict("records") for choice in (NONE, PAPERS)}
+        return []
+    decisive = (table["scene"] == scene) & (table["reason"] == "") & table["step"].isin(STEPS)
+    return table[decisive & (table["choice"] == choice.label)].to_dict("records")
 
 
 class Law(NamedTuple):

@@ -27,20 +27,16 @@ def positive(text: float | str) -> float:
     try:
         value = float(text)  # as nearly all are: the import of the scenes takes longer than all of the command line
     except ValueError:
-        value = _value_of(str(text))
+        from stiction.scenes import InputError
+        from stiction.scenes.expressions import evaluate
+
+        try:
+            value = evaluate(str(text), {})
+        except InputError as error:
+            raise typer.BadParameter(f"found {text!r}; {error}") from None
     if not 0.0 < value < math.inf:
         raise typer.BadParameter(f"found {text!r}; expected a number > 0")
     return value
-
-
-def _value_of(text: str) -> float:
-    from stiction.scenes import InputError
-    from stiction.scenes.expressions import evaluate
-
-    try:
-        return evaluate(text, {})
-    except InputError as error:
-        raise typer.BadParameter(f"found {text!r}; {error}") from None
 
 
 def count(text: float | str) -> int:

@@ -50,7 +50,7 @@ def made_up(status="ok"):
 
 def test_drift_is_the_largest_of_all_cases_at_equal_step():
     results = made_up()
-    said = STUDY.present(results)
+    said = STUDY.presented(results)
     assert [number.text for number in said.answer.numbers] == ["7e-11", "4e-05", "0.003", "0.02"]
     position, velocity = ({method: text.text for method, text in headline.cells.items()} for headline in said.headlines)
     assert position == {"still": "0", "slow": "7e-11", "touching": "0.003"}  # 2e-15 m is rounding
@@ -61,7 +61,7 @@ def test_drift_is_the_largest_of_all_cases_at_equal_step():
 
 
 def test_a_failed_run_is_counted_and_an_engine_that_is_not_installed_is_absent():
-    said = STUDY.present(made_up("failed"))
+    said = STUDY.presented(made_up("failed"))
     assert "slow in 1 of 2" in sentences(said)
     assert "1 of 2" in [cell for row in said.tables[0].cells(brief=True) for cell in row]
     results = made_up()
@@ -70,19 +70,19 @@ def test_a_failed_run_is_counted_and_an_engine_that_is_not_installed_is_absent()
     lost = pd.DataFrame([{**results.tables["drift"].iloc[0][["scene", "fidelity", "parameter", JOINT_COORDINATES]],
                           "variant": "none", "engine": "none", "step": 1e-3, "status": "missing", "key": missing.key}])
     both = pd.concat([results.tables["drift"], lost], ignore_index=True)
-    with_missing = STUDY.present(Results((*results.records, missing), {}, {"drift": both}))
-    assert sentences(with_missing) == sentences(STUDY.present(results))
+    with_missing = STUDY.presented(Results((*results.records, missing), {}, {"drift": both}))
+    assert sentences(with_missing) == sentences(STUDY.presented(results))
 
 
 @pytest.mark.parametrize("tables", [{}, {"drift": pd.DataFrame()},
                                     {"drift": pd.DataFrame({"variant": ["a"], "status": ["failed"]})}])
 def test_without_drift_nothing_is_said(tables):
-    said = STUDY.present(Results((), {}, tables))
+    said = STUDY.presented(Results((), {}, tables))
     assert said.is_empty and not said.headlines
 
 
 def test_the_figure_has_a_column_a_case():
-    [figure] = STUDY.present(made_up()).figures
+    [figure] = STUDY.presented(made_up()).figures
     assert figure.columns == len(SCENES) and len(figure.panels) == 2 * len(SCENES)
     for panel, scene in zip(figure.panels, range(len(SCENES))):
         assert {series.label for series in panel.series} == {"", *(label for label, _ in SIZES)}
@@ -98,5 +98,5 @@ def test_runs_that_failed_are_rows_and_nothing_is_said_of_their_drift():
     table = made.tables["drift"]
     assert len(made.records) == len(table) == len(comparison.tasks)
     assert (table[JOINT_COORDINATES] == (table["engine"] == "drake")).all()
-    said = STUDY.present(Results(made.records, {}, made.tables))
+    said = STUDY.presented(Results(made.records, {}, made.tables))
     assert not said.answer and not said.headlines

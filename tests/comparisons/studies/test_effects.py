@@ -134,7 +134,7 @@ def effects_table():
 
 
 def said_of(study, name, table):
-    return study.present(Results((), {}, {name: table}))
+    return study.presented(Results((), {}, {name: table}))
 
 
 def test_the_answer_has_what_saves_time_and_what_baumgarte_costs():
@@ -159,7 +159,7 @@ def test_what_cannot_be_distinguished_from_the_baseline_saves_nothing():
 
 @pytest.mark.parametrize("study, name", [(effects.STUDY, "effects"), (drift_suppression.STUDY, "suppression")])
 def test_failures_are_said_and_nothing_else(study, name):
-    assert study.present(Results((), {}, {})).is_empty
+    assert study.presented(Results((), {}, {})).is_empty
     lost = pd.DataFrame({"variant": ["reference", "reference"], "engine": "reference", "effect": ["no load", BASELINE],
                          "status": "failed", "reason": "killed"})
     said = said_of(study, name, lost)

@@ -89,7 +89,7 @@ def made_up(failed=()):
 
 def test_all_long_runs_are_counted():
     results = made_up()
-    said = STUDY.present(results)
+    said = STUDY.presented(results)
     assert [number.text for number in said.answer.numbers] == ["10", "1e-11", "1e-08"]
     found = [[number.text for number in text.numbers] for text in said.findings]
     assert found == [["8", "8", "1", "10", "1.5", "1.8"], ["6", "2", "8", "1", "10"], ["8", "8", "1", "10"], ["1", "1e-05", "0.0004"]]
@@ -101,7 +101,7 @@ def test_a_run_that_failed_counts_among_all():
     study = results.tables["study"]
     [row] = study[study["status"] == "timed out"].to_dict("records")
     assert (row["run"], row["time [s]"], row["reason"]) == ("slider-bar-case-1/none/dt=0.001", 2400.0, "made up")
-    said = STUDY.present(results)
+    said = STUDY.presented(results)
     assert [number.text for number in said.findings[0].numbers][:3] == ["7", "1", "8"]
     assert not wrong_numbers(said, results)
 
@@ -110,7 +110,7 @@ def test_sentences_follow_the_data():
     results = made_up()
     study = results.tables["study"]
     study.loc[0, "growth, 240 s"], study[ERROR_RATIO] = BOUNDED, 1.5
-    said = STUDY.present(results)
+    said = STUDY.presented(results)
     assert [number.text for number in said.findings[0].numbers][:3] == ["7", "1", "8"] and len(said.findings) == 3
 
 
@@ -125,7 +125,7 @@ def test_ratios_are_to_the_run_without_stabilization_over_the_time_of_the_papers
 
 
 def test_a_figure_per_scene_shows_drift_over_time_and_over_the_step():
-    figures = STUDY.present(made_up()).figures
+    figures = STUDY.presented(made_up()).figures
     assert [figure.name for figure in figures] == ["fig14-drift", "drift-slider-bar-case-3"]
     assert len(figures[0].panels) == 2 and {series.hollow for series in figures[0].panels[0].series} == {True, False}
 
@@ -136,9 +136,9 @@ def test_the_plan_has_the_papers_cases_alone():
     comparison = STUDY.plan(Scope(scenes, Depth.QUICK, ()))
     made = comparison.tabulate([Outcome(task.label, "failed", None, "made up") for task in comparison.tasks])
     assert len(made.tables["study"]) == len(comparison.tasks) == len(long_runs(CASES, Depth.QUICK))
-    assert STUDY.present(Results((), {}, made.tables)).is_empty
+    assert STUDY.presented(Results((), {}, made.tables)).is_empty
 
 
 @pytest.mark.parametrize("tables", [{}, {"study": pd.DataFrame({"scene": ["a"], "status": ["failed"]})}])
 def test_without_long_runs_nothing_is_said(tables):
-    assert STUDY.present(Results((), {}, tables)).is_empty
+    assert STUDY.presented(Results((), {}, tables)).is_empty

@@ -62,7 +62,8 @@ def _measured(draw: Draw) -> Row:
     for i, verdict in study.judged(draw.seed, draw.first, draw.count):
         counts[verdict.outcome] += 1
         if verdict.outcome in study.failing:
-            failing.append(f"{verdict.outcome}: {verdict.detail}; {verdict.about}; {study.again(draw.seed, i)}")
+            again = f"python -m {__package__} {draw.what} {draw.seed} {i}"
+            failing.append(f"{verdict.outcome}: {verdict.detail}; {verdict.about}; {again}")
     metrics = tuple(Metric(f"{outcome} [-]", RANDOM, counts[outcome], tier=HIGH_PRECISION)
                     for outcome in study.outcomes if counts[outcome])
     return replace(draw.row, version=load_engine("reference").version, status=WRONG if failing else "ok",

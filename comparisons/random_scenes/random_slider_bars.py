@@ -2,7 +2,7 @@
 
 Every night draws some afresh (`night_draws`). Scenes 0 to 999 of seed 1 are judged by
 
-    python -m stiction.comparisons.random_scenes.random_slider_bars 1 0 1000
+    python -m stiction.comparisons.random_scenes slider-bars 1 0 1000
 """
 
 from __future__ import annotations
@@ -77,8 +77,7 @@ def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> tuple[SceneOutcome
     return judge(drawn(seed, i), rtols)
 
 
-STUDY = RandomScenes("stiction.comparisons.random_scenes.random_slider_bars", judge_drawn, OUTCOMES, FAILING,
-                     (1e-9, 1e-12), T_END)
+STUDY = RandomScenes(judge_drawn, OUTCOMES, FAILING, (1e-9, 1e-12), T_END)
 
 
 def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str, float]:
@@ -131,7 +130,3 @@ def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, str, float]:
     if difference_s <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution"):
         return SAME_BREAKDOWN, detail, difference_s
     return (TRUTH_REFUSES if run.breakdown.time > refusal.time else REFERENCE_REFUSES), detail, difference_s
-
-
-if __name__ == "__main__":
-    raise SystemExit(STUDY.main())

@@ -4,7 +4,7 @@ Two or three frictional guides: a rod between two sliders; a plate on two slider
 drives two sliders by rods; a guide on a rocking link, or on another slider. When one guide is held, all are. Every
 mechanism is run with each stabilization and compared with `one_freedom.simulate`.
 
-    python -m stiction.comparisons.random_scenes.resting_mechanisms 0 0 1000
+    python -m stiction.comparisons.random_scenes mechanisms 0 0 1000
 """
 
 from __future__ import annotations
@@ -339,9 +339,5 @@ def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[SceneOutcome]
             for verdict, (rtol, run) in zip(verdicts, found)]
 
 
-STUDY = RandomScenes("stiction.comparisons.random_scenes.resting_mechanisms", judge_drawn, OUTCOMES,
-                     tuple(outcome for outcome in OUTCOMES if outcome != AGREES), RTOLS, LONGEST)
-
-
-if __name__ == "__main__":
-    raise SystemExit(STUDY.main())
+STUDY = RandomScenes(judge_drawn, OUTCOMES, tuple(outcome for outcome in OUTCOMES if outcome != AGREES), RTOLS,
+                     LONGEST)

@@ -25,7 +25,7 @@ from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, Sample, Stepp
 from stiction.engines.protocol import (FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled,
                                        accepted)
 from stiction.engines.shared.contact_geometry import contact_refusal
-from stiction.engines.shared.fixed_step import DEFAULT_SHARE, settings_of, step_of
+from stiction.engines.shared.fixed_step import DEFAULT_SHARE, Defaults, settings_of, step_of
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Breakdown, Cost, Event, InputError, Scene, Trajectory
@@ -34,18 +34,18 @@ from stiction.scenes.trajectory import rows_of
 
 _DEFAULT_STEP = 2e-3
 """Seconds."""
-_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9}
-_CONTACT_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-8, "contact_stiffness": 1e7,
-                     "contact_damping": 5e4, "friction_zone": 1e-4}
 LOCATED, BRISTLES = "located", "bristles"
 """The setting `method` of joint fidelity: the adapter's friction with located switches, or Exudyn's own."""
 _EXPLICIT = {"rk44": "RK44", "dopri5": "DOPRI5", "velocity-verlet": "VelocityVerlet"}
 """Some of Exudyn's explicit methods, by their names there."""
-_CHOICES = {"joint": {"integrator": (*INTEGRATORS, *_EXPLICIT), "method": (LOCATED, BRISTLES)},
-            "contact": {"integrator": (*INTEGRATORS, *_EXPLICIT)}}
-"""Settings that are words, by fidelity; the first of each is the default."""
-_BRISTLE_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9, "bristle_stiffness": 1e5, "bristle_damping": 1e3,
-                     "static_decay": 1.0}
+_JOINT: Defaults = {"integrator": (*INTEGRATORS, *_EXPLICIT), "method": (LOCATED, BRISTLES), "spectral_radius": 0.3,
+                    "newton_tolerance": 1e-9}
+_SETTINGS: Mapping[str, Defaults] = {
+    "joint": _JOINT,
+    BRISTLES: {**_JOINT, "bristle_stiffness": 1e5, "bristle_damping": 1e3, "static_decay": 1.0},
+    "contact": {"integrator": _JOINT["integrator"], "spectral_radius": 0.3, "newton_tolerance": 1e-8,
+                "contact_stiffness": 1e7, "contact_damping": 5e4, "friction_zone": 1e-4}}
+"""Settings by fidelity; those of joint fidelity with Exudyn's own friction by that method."""
 MOST_UNKNOWNS = 5000
 """Rows of the dense matrix in which redundant constraints are looked for, 200 MB. Exudyn's own sparse solvers take many
 more."""
@@ -84,8 +84,7 @@ class ExudynEngine(Engine):
         return accepted("exudyn", exudyn.config.Version())
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
-        return settings_of({}, {**_CHOICES[fidelity], **(_CONTACT_SETTINGS if fidelity == "contact" else _SETTINGS)},
-                           self.name, fidelity)
+        return settings_of({}, _SETTINGS[fidelity], self.name, fidelity)
 
     def check_arguments(self, *, settings: Mapping[str, Any], **asked: Any) -> None:
         super().check_arguments(settings={} if "method" in settings else settings, **asked)  # each method has its own
@@ -116,8 +115,7 @@ class ExudynEngine(Engine):
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         h = step_of(_step(t_end) if dt is None else dt, t_end)
         own = settings.get("method") == BRISTLES and fidelity == "joint"
-        numbers = _CONTACT_SETTINGS if fidelity == "contact" else _BRISTLE_SETTINGS if own else _SETTINGS
-        options = settings_of(settings, {**_CHOICES[fidelity], **numbers}, self.name, fidelity)
+        options = settings_of(settings, _SETTINGS[BRISTLES if own else fidelity], self.name, fidelity)
         if options["spectral_radius"] > 1:
             raise InputError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
         start = time.process_time()
@@ -167,8 +165,8 @@ def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
     """
     if (reason := ExudynEngine().refusal(scene, "joint")) is not None:
         raise Refused(reason)
-    return exudyn_script(scene, _step(scene.t_end), scene.t_end, _CHOICES["joint"]["integrator"][0], _BRISTLE_SETTINGS,
-                         named)
+    options = settings_of({}, _SETTINGS[BRISTLES], ExudynEngine.name, "joint")
+    return exudyn_script(scene, _step(scene.t_end), scene.t_end, options, named)
 
 
 def _step(t_end: float) -> float:

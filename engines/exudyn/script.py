@@ -98,16 +98,15 @@ mbs.SetPreStepUserFunction(renew_friction)
 '''
 
 
-def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, options: Mapping[str, float],
-                  named: str) -> str:
+def exudyn_script(scene: Scene, dt: float, t_end: float, options: Mapping[str, Any], named: str) -> str:
     """Return a script that builds and runs the scene with Exudyn alone, and prints the states at the end.
 
     Parameters
     ----------
     dt, t_end : float
         Step and end, seconds; where t_end is no multiple, all steps are a little shorter.
-    integrator, options : str, mapping
-        One of `INTEGRATORS`, and all settings of the adapter's ``method="bristles"``.
+    options : mapping
+        All settings of the adapter's ``method="bristles"``.
     named : str
         The scene as a command line has it.
 
@@ -122,7 +121,7 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
     redundant = rank(scene) < constraint_rows(scene)
     rows = [_text((model.objects[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient,
                    guide.mus - guide.coefficient, guide.decay, guide.lever, guide.half_width)) for guide in guides]
-    newmark, index_2 = INTEGRATORS[integrator]
+    newmark, index_2 = INTEGRATORS[options["integrator"]]
     nodes = [(name, model.nodes[name]) for name in scene.bodies]
     items = re.sub(r"\n{4,}", "\n\n\n", "\n".join(model.system.lines))
     return _SCRIPT.format(

@@ -17,6 +17,7 @@ from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.campaigns.regression import COULD_NOT_RUN, REGRESSION, findings
 from stiction.comparisons.environment import origin
 from stiction.comparisons.measures.accuracy import WRONG
+from stiction.comparisons.random_scenes import __main__ as random_scenes
 from stiction.comparisons.random_scenes import random_slider_bars, resting_mechanisms
 from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome
 from stiction.comparisons.random_scenes.night_draws import BATCH, STUDIES, Draw, draws_of_night, sentences_on_draws
@@ -78,7 +79,7 @@ def test_what_is_silently_wrong_is_a_regression_with_the_command_that_repeats_it
     what = {random_slider_bars: "slider-bars", resting_mechanisms: "mechanisms"}[module]
     [row] = [row for row in rows()[1] if row.settings["what"] == what]
     assert row.status == WRONG and "event 3: truth stick, run slip; this scene" in ended.output
-    assert f"python -m {module.__name__} {row.settings['seed']} 0" in row.reason
+    assert f"python -m stiction.comparisons.random_scenes {what} {row.settings['seed']} 0" in row.reason
 
 
 def test_the_budget_holds_for_the_draws_too(night):
@@ -123,18 +124,19 @@ def by_parity(seed, i, rtols):
     return [SceneOutcome("odd", f"{seed + i} is odd", float(i), f"scene {i}") if (seed + i) % 2 else SceneOutcome("even") for _ in rtols]
 
 
-def test_command_line_of_a_study(capsys):
-    study = RandomScenes("tests.none", by_parity, {"even": "good", "odd": "bad", "neither": "impossible"}, ("odd",), (1e-6, 1e-9), 2.0)
-    assert study.main(["3", "1", "6"]) == 1
+def test_the_command_counts_and_prints_what_is_not_best(capsys, monkeypatch):
+    study = RandomScenes(by_parity, {"even": "good", "odd": "bad", "neither": "impossible"}, ("odd",), (1e-6, 1e-9), 2.0)
+    monkeypatch.setattr(random_scenes, "STUDIES", {"parity": study})
+    assert random_scenes.main(["parity", "3", "1", "6"]) == 1
     said = capsys.readouterr().out.splitlines()
     assert said == [line for i in (2, 4, 6) for line in [f"{i}: odd: {3 + i} is odd; scene {i}"] * 2] + [
         "6 even: good", "6 odd: bad", "0 neither: impossible"]
-    assert study.main(["4", "0"]) == 0
+    assert random_scenes.main(["parity", "4", "0"]) == 0
 
 
-@pytest.mark.parametrize("module", [random_slider_bars, resting_mechanisms])
-def test_studies_of_the_suite(module, capsys, compiled, monkeypatch):
-    monkeypatch.setattr(module, "STUDY", replace(module.STUDY, rtols=(1e-9,)))
-    assert module.STUDY.main(["0", "0"]) == 0
-    best = next(iter(module.STUDY.outcomes))
+@pytest.mark.parametrize("what", STUDIES)
+def test_studies_of_the_suite(what, capsys, compiled, monkeypatch):
+    monkeypatch.setattr(random_scenes, "STUDIES", {what: replace(STUDIES[what], rtols=(1e-9,))})
+    assert random_scenes.main([what, "0", "0"]) == 0
+    best = next(iter(STUDIES[what].outcomes))
     assert re.search(f"^[13] {best}: ", capsys.readouterr().out, re.MULTILINE)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiction.comparisons.random_scenes import __main__ as random_scenes
 from stiction.comparisons.random_scenes import resting_mechanisms
 from stiction.comparisons.random_scenes.one_freedom import NoClearMotion, OneFreedom, simulate
 from stiction.comparisons.random_scenes.resting_mechanisms import (AGREES, FAMILIES, NO_BALANCE, OTHER_EVENTS,
@@ -163,8 +164,6 @@ def test_a_fault_repeats_by_its_command(capsys, monkeypatch, compiled):
         return replace(true(scene, motion, run, rtol), outcome=SLIPS)
 
     monkeypatch.setattr(resting_mechanisms, "judge", wrong)
-    study = replace(resting_mechanisms.STUDY, rtols=(1e-12,))
-    command = study.again(SEED, 0).split()
-    assert command[:3] == ["python", "-m", resting_mechanisms.__name__]
-    assert study.main(command[3:]) == 1
+    monkeypatch.setattr(random_scenes, "STUDIES", {"mechanisms": replace(resting_mechanisms.STUDY, rtols=(1e-12,))})
+    assert random_scenes.main(["mechanisms", str(SEED), "0"]) == 1
     assert capsys.readouterr().out.count(f"trammel 0 of seed {SEED}, ") == 3

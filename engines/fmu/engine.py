@@ -21,12 +21,10 @@ from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine
 from stiction.engines.shared.fixed_step import Grid, step_of
 from stiction.scenes import Cost, Event, FileError, InputError, Problem, Scene, Trajectory
 from stiction.scenes.result_table import result_table
-from stiction.scenes.wording import shortened, shown
+from stiction.scenes.wording import last_lines, shortened, shown
 
 MAP = ".map.toml"
 LOGGING = "logging"
-LOG_LINES = 4
-"""Messages of an FMU that a reason has: the last ones."""
 _CALLED_BY_CVODE = {"setTime", "setContinuousStates", "getDerivatives", "getContinuousStateDerivatives",
                     "getEventIndicators"}
 _LIBRARIES = (".so", ".dylib", ".dll")
@@ -149,7 +147,7 @@ class FmuEngine(DeclaredEngine):
                 fmu.freeInstance()  # only here: after an error nothing is safe to call
             except Exception as error:  # fmpy raises Exception itself
                 first = failures[0] if failures else error
-                words = " | ".join(shortened(" ".join(text.split()), 200) for text in said[-LOG_LINES:])
+                words = last_lines("\n".join(said))
                 more = "" if logging else f"; --setting {LOGGING}=true may bring more"
                 raise EngineFailure(f"{self.name}: {str(first) or type(first).__name__} "
                                     + (f"It logged: {words}" if words else f"It logged nothing{more}")) from error

@@ -76,12 +76,19 @@ class Judgement:
     @property
     def error(self) -> float | None:
         """Largest error of positions, m, angles times the size of the mechanism; None where none is known."""
-        return self._largest("error")
+        errors = self.in_metres("error")
+        return None if errors.isna().all() else float(errors.max())
 
     @property
     def uncertainty(self) -> float | None:
         """Uncertainty of the truth of those positions, m."""
-        return self._largest("uncertainty")
+        unsure = self.in_metres("uncertainty")
+        return None if unsure.isna().all() else float(unsure.max())
+
+    def in_metres(self, column: str) -> pd.Series:
+        """Return a column of ``errors``, angles times the size of the mechanism; nan for what is no position."""
+        table = self.tables["errors"]
+        return table[column] * table["unit"].map({"m": 1.0, "rad": size_of(self.scene)})
 
     @property
     def is_complete(self) -> bool:
@@ -109,11 +116,6 @@ class Judgement:
     def __str__(self) -> str:
         said = self.presentation
         return "\n".join(part.text for part in (said.answer, *said.findings))
-
-    def _largest(self, column: str) -> float | None:
-        table = self.tables["errors"]
-        sizes = table[column] * table["unit"].map({"m": 1.0, "rad": size_of(self.scene)})
-        return None if sizes.isna().all() else float(sizes.max())
 
 
 def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | None = None,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.measures.accuracy import TORQUE_ERROR, size_of, truth_graph
+from stiction.comparisons.measures.accuracy import TORQUE_ERROR, truth_graph
 from stiction.comparisons.measures.result_errors import COARSE
 from stiction.comparisons.measures.scene_truth import OWN_RTOL, OWN_RUN
 from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Panel, Presentation, Series, TableView,
@@ -58,7 +58,7 @@ def _answer(judged: Judgement) -> TracedText:
         return TracedText(f"There is no truth of {judged.scene.name}: its columns are held against each other alone.")
     if table.empty:
         return TracedText("The truth has none of the table's columns: they are held against each other alone.")
-    sizes = table["error"] * table["unit"].map({"m": 1.0, "rad": size_of(judged.scene)})
+    sizes = judged.in_metres("error")
     known = sizes.notna().any()
     worst = (sizes if known else table["error"] / table["size"]).idxmax()
     row, misread = table.loc[worst], list(table.loc[table["is input"], "column"])

@@ -10,7 +10,6 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +19,10 @@ from pyarrow import csv
 
 from stiction.comparisons.proof.truth import certificate_of
 from stiction.comparisons.truth import Truth
-from stiction.scenes import Event, FileError, Problem, Scene, catalogue, scene_to_toml
+from stiction.scenes import FileError, Problem, Scene, catalogue, scene_to_toml
 from stiction.scenes.motion_table import interpolated, with_sides
 from stiction.scenes.resolved import load_resolved, resolved_text
-from stiction.scenes.trajectory import events_frame
+from stiction.scenes.trajectory import events_frame, events_of
 from stiction.scenes.wording import shown
 
 FORMAT, VERSION = "stiction truth", 1
@@ -97,7 +96,7 @@ def read_truth(folder: Path) -> tuple[Scene, Truth]:
     scene = load_resolved((folder / SCENE).read_text(encoding="utf-8"), str(folder / SCENE))
     uncertainty = {name: value + about["uncertainty between rows"].get(name, 0.0)
                    for name, value in about["uncertainty"].items()}
-    events = tuple(_events(csv.read_csv(folder / EVENTS).to_pylist())) if about["events"] else ()
+    events = events_of(csv.read_csv(folder / EVENTS).to_pandas()) if about["events"] else ()
     return scene, Truth(scene.name, about["tier"], about["t_end [s]"],
                         interpolated(pd.read_parquet(folder / MOTION)), uncertainty, events, None, about["note"],
                         about["tier of forces"] if about["tier of forces"] != about["tier"] else "",
@@ -112,13 +111,6 @@ def motion_frame(truth: Truth) -> pd.DataFrame:
     inner = [np.linspace(begin, end, count + 1)[1:-1] for begin, end, count in zip(ends, ends[1:], counts)]
     t = np.setdiff1d(np.concatenate([[0.0, truth.t_end], *inner]), [event.time for event in truth.events])
     return with_sides(pd.DataFrame({"t": t, **truth(t)}), truth.events)
-
-
-def _events(rows: Iterable[Mapping[str, Any]]) -> Iterator[Event]:
-    for row in rows:
-        before, after = ({name.removeprefix(f"{side}."): float(value) for name, value in row.items()
-                          if name.startswith(f"{side}.")} for side in ("before", "after"))
-        yield Event(float(row["t"]), row["kind"], row["joint"], before, after)
 
 
 def write_sums(folder: Path) -> None:

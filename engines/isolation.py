@@ -33,6 +33,7 @@ from stiction.child_processes import child_context, one_thread, undisturbed_end
 from stiction.engines.protocol import Refused
 from stiction.engines.registry import EngineMissing, absolute_name, load_engine
 from stiction.scenes import Scene, StictionError, Trajectory
+from stiction.scenes.wording import last_lines
 
 _START_S = 120.0  # a child that takes longer to import the main module will never be there
 _FAILED_STARTS = 5  # in a row: then the cause is the machine or the caller's script, not chance
@@ -273,7 +274,7 @@ class _Child:
             status, reason = "timed out", f"no result within {self.deadline - self._started:g} s"
         else:
             status, reason = "crashed", _end_of_process(code)
-            words = " | ".join([line.strip() for line in log.splitlines() if line.strip()][-4:])
+            words = last_lines(log)
             reason = _shortened(f"{reason}: {words}" if words else reason)
         return {"status": status, "reason": reason, "log": log, "wall_s": wall}
 

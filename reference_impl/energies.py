@@ -54,53 +54,44 @@ def energy_columns(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray
     InputError
         For a missing column.
     """
-    stored, powers = _stored_and_powers(scene, t, columns)
-    found = {"t": t, **stored, **{name: _integral(t, power) for name, power in powers.items()}}
-    return pd.DataFrame({**found, "balance": _balance(t, stored, powers)})
-
-
-def unaccounted_energy(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> tuple[float, float, float]:
-    """Return, in J, the largest balance of `energy_columns`, its uncertainty, and all that the kinetic energy changed.
-
-    The works are unsure by their difference to those of every other row. Parameters are as of `energy_columns`.
-    """
-    stored, powers = _stored_and_powers(scene, t, columns)
-    jumps = np.diff(t, prepend=-np.inf) == 0  # of which both sides are kept
-    half = np.flatnonzero((np.arange(len(t)) % 2 == 0) | jumps | np.append(jumps[1:], True))
-    left = _balance(t, stored, powers)
-    coarse = _balance(t[half], *({name: values[half] for name, values in part.items()} for part in (stored, powers)))
-    return (float(np.max(np.abs(left))), float(np.max(np.abs(left[half] - coarse))),
-            float(np.sum(np.abs(np.diff(stored["kinetic"])))))
-
-
-def _balance(t: np.ndarray, stored: Mapping[str, np.ndarray], powers: Mapping[str, np.ndarray]) -> np.ndarray:
-    energy = stored["kinetic"] + stored["potential"]
-    signed = (power if name.endswith(".dissipated") else -power for name, power in powers.items())
-    return energy - energy[:1] + _integral(t, sum(signed, np.zeros(len(t))))
-
-
-def _stored_and_powers(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]
-                       ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Kinetic and potential energy, J, and by the names of works the powers, W."""
     if missing := [name for name in needed_columns(scene) if name not in columns]:
         raise InputError(f"columns: found no {', '.join(missing)}; expected states, efforts and frictions")
     q, v = (np.ascontiguousarray(stacked(columns, scene.bodies, labels)) for labels in BODY_COLUMNS[:2])
     at, rate = _coordinates(scene, t, q, v)
     mass = np.array([value for body in scene.bodies.values() for value in (body.mass, body.mass, body.inertia)])
+    kinetic = v ** 2 @ mass / 2
     potential = -(q.reshape(len(t), -1, 3)[:, :, :2] @ np.array(scene.gravity or (0.0, 0.0))) @ mass[::3]
-    works, losses = {}, {}
+    powers, losses = {}, {}
     for name, spring in scene.springs.items():
         rest = spring.rest_angle if isinstance(spring, TorsionalSpring) else spring.rest_length
         potential = potential + spring.stiffness / 2 * (at[name] - rest) ** 2
         if spring.damping:
             losses[f"{name}.dissipated"] = spring.damping * rate[name] ** 2
     for name, load in scene.forces.items():
-        works[f"{name}.work"] = np.array([evaluate_law(load.law, time)[0] for time in t]) * rate[name]
+        powers[f"{name}.work"] = np.array([evaluate_law(load.law, time)[0] for time in t]) * rate[name]
     for name, drive in scene.drives.items():
-        works[f"{name}.work"] = columns[f"{name}.effort"] * np.array([evaluate_law(drive.law, time)[1] for time in t])
+        powers[f"{name}.work"] = columns[f"{name}.effort"] * np.array([evaluate_law(drive.law, time)[1] for time in t])
     for name in scene.frictional_guides:
         losses[f"{name}.dissipated"] = -columns[f"{name}.friction"] * rate[name]
-    return {"kinetic": v ** 2 @ mass / 2, "potential": potential}, {**works, **losses}
+    energy = kinetic + potential
+    lost = sum([*(-power for power in powers.values()), *losses.values()], np.zeros(len(t)))
+    works = {name: _integral(t, power) for name, power in {**powers, **losses}.items()}
+    return pd.DataFrame({"t": t, "kinetic": kinetic, "potential": potential, **works,
+                         "balance": energy - energy[:1] + _integral(t, lost)})
+
+
+def unaccounted_energy(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> tuple[float, float, float]:
+    """Return, in J, the largest balance of `energy_columns`, its uncertainty, and all that the kinetic energy changed.
+
+    The balance is unsure by its difference to that of every other row. Parameters are as of `energy_columns`.
+    """
+    jumps = np.diff(t, prepend=-np.inf) == 0  # of which both sides are kept
+    half = np.flatnonzero((np.arange(len(t)) % 2 == 0) | jumps | np.append(jumps[1:], True))
+    found = energy_columns(scene, t, columns)
+    coarse = energy_columns(scene, t[half], {name: columns[name][half] for name in needed_columns(scene)})
+    unsure = found["balance"].to_numpy()[half] - coarse["balance"]
+    changes = np.sum(np.abs(np.diff(found["kinetic"])))
+    return float(found["balance"].abs().max()), float(unsure.abs().max()), float(changes)
 
 
 def needed_columns(scene: Scene) -> list[str]:

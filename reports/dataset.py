@@ -74,8 +74,8 @@ def _write_scene(folder: Path, name: str, on_scene: Callable[[str], None]) -> It
         about = write_truth(scene, truth, place)
         positions = [value + about["uncertainty between rows"].get(column, 0.0)
                      for column, value in about["uncertainty"].items() if column.endswith((".x", ".y"))]
-        yield {"scene": name, "what": scene.title, "t_end [s]": truth.t_end, "tier": truth.tier,
-               "tier of forces": truth.effort_tier, "events": len(truth.events),
+        yield {"scene": name, "what": scene.title, **{key: about[key] for key in (
+                   "t_end [s]", "tier", "tier of forces", "events")},
                "position uncertainty [m]": max(positions),
                "event time uncertainty [s]": truth.uncertainty.get("event time"),
                "certificate": (place / "certificate.json.gz").is_file()}

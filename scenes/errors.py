@@ -141,10 +141,10 @@ def problems_in_tables(error: ValidationError, top: type[BaseModel],
     """Yield the problems of a validated file other than a scene: `top` has its keys, `tables` those of its tables."""
     for detail in error.errors(include_url=False):
         location, found = detail["loc"], shown(detail["input"])
-        key = shortened(".".join(str(part) for part in location if part != "[key]"))
+        key = shortened(".".join(str(part) for part in location if part != "[key]")) or "file"
         if detail["type"] == "inconsistent":
             for field, wrong, expected in detail["ctx"]["found"]:
-                yield Problem(f"{key}.{field}".lstrip("."), shown(wrong), expected)
+                yield Problem(f"{key}.{field}" if location else field, shown(wrong), expected)
         elif detail["type"] == "extra_forbidden":
             known = (tables.get(str(location[0]), top) if len(location) > 1 else top).model_fields
             hint = did_you_mean(str(location[-1]), known) or f"; expected one of: {names(known)}"

@@ -9,17 +9,26 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
-from stiction.scenes.errors import Problem, SceneError
+from pydantic import StrictStr, ValidationError
+
+from stiction.scenes.errors import SceneError, problems_in_tables
+from stiction.scenes.fields import Model
 from stiction.scenes.loading import scene_from_dict
 from stiction.scenes.model import Scene
-from stiction.scenes.wording import shown
 
 FORMAT = "stiction resolved scene"
 VERSION = 1
 """Raised where a program written for the version before would read a scene wrongly, or refuse it."""
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+class _Resolved(Model):
+    format: Literal["stiction resolved scene"]
+    version: Literal[1]
+    name: StrictStr
+    scene: dict[str, Any]
 
 
 def resolved_scene(scene: Scene) -> dict[str, Any]:
@@ -49,17 +58,10 @@ def load_resolved(text: str, origin: str = "<resolved scene>") -> Scene:
         For text that is not JSON, of another format or of another version, and as `scene_from_dict`.
     """
     try:
-        found = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise SceneError(origin, [Problem("file", str(error), "expected JSON")]) from None
-    header = found if isinstance(found, dict) else {}
-    if wrong := [Problem(key, shown(header.get(key)), f"expected {words}") for key, right, words in (
-            ("format", header.get("format") == FORMAT, shown(FORMAT)),
-            ("version", header.get("version") == VERSION, shown(VERSION)),
-            ("name", isinstance(header.get("name"), str), "text"),
-            ("scene", isinstance(header.get("scene"), dict), "a table")) if not right]:
-        raise SceneError(origin, wrong)
-    return scene_from_dict(header["scene"], origin, name=header["name"])
+        found = _Resolved.model_validate_json(text)
+    except ValidationError as error:
+        raise SceneError(origin, problems_in_tables(error, _Resolved, {})) from None
+    return scene_from_dict(found.scene, origin, name=found.name)
 
 
 def resolved_schema() -> dict[str, Any]:

@@ -270,3 +270,13 @@ def events_frame(events: Iterable[Event]) -> pd.DataFrame:
     return pd.DataFrame([{"t": e.time, "kind": e.kind, "joint": e.joint,
                           **{f"before.{k}": v for k, v in e.before.items()},
                           **{f"after.{k}": v for k, v in e.after.items()}} for e in events])
+
+
+def events_of(frame: pd.DataFrame) -> tuple[Event, ...]:
+    """Events of a table of `events_frame`; what a row has no value for is no column of its event."""
+    def side(row: dict[str, Any], name: str) -> dict[str, float]:
+        return {key.removeprefix(name): float(value) for key, value in row.items()
+                if key.startswith(name) and value == value}
+
+    return tuple(Event(float(row["t"]), row["kind"], row["joint"], side(row, "before."), side(row, "after."))
+                 for row in frame.to_dict("records"))

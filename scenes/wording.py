@@ -41,6 +41,12 @@ def shortened(text: str, width: int = _WIDTH) -> str:
     return "".join(character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text)
 
 
+def last_lines(text: str) -> str:
+    """The last four lines of what was printed, in one."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return " | ".join(shortened(line, 200) for line in lines[-4:])
+
+
 def names(known: Collection[str]) -> str:
     """Names in one line; the first of them, where they are many."""
     line = ", ".join(shortened(str(name)) for name in islice(known, _WIDTH))

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
 from typing import Any
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -21,14 +21,13 @@ from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine
 from stiction.engines.shared.fixed_step import Grid, step_of
 from stiction.scenes import Cost, Event, FileError, InputError, Problem, Scene, Trajectory
 from stiction.scenes.result_table import result_table
-from stiction.scenes.wording import shortened, shown
+from stiction.scenes.wording import last_lines, shortened, shown
 
 MAP = ".map.toml"
 LOGGING = "logging"
-LOG_LINES = 4
-"""Messages of an FMU that a reason has: the last ones."""
 _CALLED_BY_CVODE = {"setTime", "setContinuousStates", "getDerivatives", "getContinuousStateDerivatives",
                     "getEventIndicators"}
+_LIBRARIES = (".so", ".dylib", ".dll")
 _ATTRIBUTES = {CO_SIMULATION: "coSimulation", MODEL_EXCHANGE: "modelExchange"}  # as fmpy has them
 
 
@@ -55,13 +54,13 @@ class FmuEngine(DeclaredEngine):
         self._fmpy = accepted("fmpy", fmpy.__version__)
         self.map_file = file.with_name(file.stem + MAP)
         chosen = read_declaration(self.map_file, Map) if self.map_file.is_file() else Map()
-        self.variables, self.interface, binaries = _read(file, chosen, self.map_file)
-        description = self.variables.description
-        folder = fmpy.platform_tuple if description.fmiMajorVersion == 3 else fmpy.platform
-        identifier = getattr(description, _ATTRIBUTES[self.interface]).modelIdentifier
-        if (library := f"binaries/{folder}/{identifier}{fmpy.sharedLibraryExtension}") not in binaries:
-            found = ", ".join(sorted({name.split("/")[1] for name in binaries})) or "none"
-            raise EngineMissing(f"{self.name}: found binaries for {found}; expected {library} in the FMU")
+        self.variables, self.interface = _read(file, chosen, self.map_file)
+        folder = fmpy.platform_tuple if self.variables.description.fmiMajorVersion == 3 else fmpy.platform
+        with ZipFile(file) as archive:
+            found = [name for name in archive.namelist() if name.startswith("binaries/") and name.endswith(_LIBRARIES)]
+        if not any(name.startswith(f"binaries/{folder}/") for name in found):
+            raise EngineMissing(f"{self.name}: found {', '.join(found) or 'no binaries'}; expected one in "
+                                f"binaries/{folder}")
         self.solver = "" if self.interface == CO_SIMULATION else "CVode" if has_cvode() else "Euler"
         self.declared = FmuDeclared.model_validate(
             {**chosen.capabilities.model_dump(), "adaptive": chosen.capabilities.adaptive or self.solver == "CVode",
@@ -129,13 +128,11 @@ class FmuEngine(DeclaredEngine):
         description, began = self.variables.description, process_time()
         said: list[str] = []
         failures: list[Exception] = []
-        kind = _ATTRIBUTES[self.interface]
-        kind = kind[0].upper() + kind[1:]
+        kind = "CoSimulation" if self.interface == CO_SIMULATION else "ModelExchange"
         with TemporaryDirectory(prefix="stiction-fmu-", ignore_cleanup_errors=True) as folder:
             try:
                 extract(self.file, folder)
-                fmu = instantiate_fmu(folder, description, kind, debug_logging=logging,
-                                      logger=_logger(said))
+                fmu = instantiate_fmu(folder, description, kind, debug_logging=logging, logger=_logger(said))
                 for call in _CALLED_BY_CVODE & set(dir(fmu)):
                     setattr(fmu, call, _noted(getattr(fmu, call), failures))
                 started = process_time()
@@ -150,7 +147,7 @@ class FmuEngine(DeclaredEngine):
                 fmu.freeInstance()  # only here: after an error nothing is safe to call
             except Exception as error:  # fmpy raises Exception itself
                 first = failures[0] if failures else error
-                words = " | ".join(shortened(" ".join(text.split()), 200) for text in said[-LOG_LINES:])
+                words = last_lines("\n".join(said))
                 more = "" if logging else f"; --setting {LOGGING}=true may bring more"
                 raise EngineFailure(f"{self.name}: {str(first) or type(first).__name__} "
                                     + (f"It logged: {words}" if words else f"It logged nothing{more}")) from error
@@ -168,27 +165,19 @@ def has_cvode() -> bool:
     return True
 
 
-def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str, list[str]]:
-    """Variables and interface of an FMU, and the names of its binaries; FileError where it cannot be used."""
+def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str]:
+    """Variables and interface of an FMU; FileError where it cannot be used."""
     from fmpy import read_model_description
 
-    wrong, expected = "", "expected a model description of FMI 2 or 3"
     try:
-        with ZipFile(file) as archive:
-            binaries = [name for name in archive.namelist() if name.startswith("binaries/") and name.count("/") == 2]
-        description = read_model_description(file, validate=False)
-    except (OSError, BadZipFile, KeyError) as error:
-        wrong = str(getattr(error, "strerror", None) or error)
-        expected = "expected an FMU: an archive with modelDescription.xml"
-    except Exception as error:  # fmpy raises Exception itself, for versions and references
-        wrong = str(error)
-    else:
+        description = read_model_description(str(file), validate=False)
         have = [interface for interface, name in _ATTRIBUTES.items() if getattr(description, name) is not None]
         if description.fmiMajorVersion not in (2, 3) or not have:
-            wrong = f"FMI {description.fmiVersion}, {' and '.join(have) or 'no interface'}"
-            expected = "expected co-simulation or model exchange of FMI 2 or 3"
-    if wrong:
-        raise FileError(str(file), [Problem("modelDescription.xml", shortened(wrong, 160), expected)])
+            raise EngineFailure(f"FMI {description.fmiVersion}, {' and '.join(have) or 'no interface'}")
+    except Exception as error:  # fmpy raises Exception itself, for versions and references
+        raise FileError(str(file), [Problem("modelDescription.xml", shortened(str(error), 160),
+                                            "expected an FMU: an archive with the description of a model of FMI 2 or "
+                                            "3, for co-simulation or model exchange")]) from None
     interface, variables = chosen.interface or have[0], Variables(description, chosen, map_file.name)
     problems = list(variables.problems())
     if interface not in have:
@@ -198,7 +187,7 @@ def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str, list
                                 "expected false: co-simulation does not stop at events"))
     if problems:
         raise FileError(str(map_file), problems)
-    return variables, interface, binaries
+    return variables, interface
 
 
 def _logger(said: list[str]) -> Callable[..., None]:

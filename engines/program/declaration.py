@@ -34,7 +34,7 @@ from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
 from stiction.engines.shared.declared_engine import Declared
 from stiction.scenes.fields import Model, Name
-from stiction.scenes.wording import did_you_mean, names
+from stiction.scenes.wording import did_you_mean, names, shown
 
 PLACEHOLDERS = {"scene": "path of the resolved scene, JSON", "result": "path of the table to write",
                 "events": "path of a JSON file that it may write", "t_end": "seconds to simulate",
@@ -61,30 +61,22 @@ class Declaration(Model):
     environment: dict[Name, StrictStr] = {}
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
-        used = set()
+        used = set(_BRACES.findall(" ".join(self.command)))
         for i, word in enumerate(self.command):
-            found = _BRACES.findall(word)
-            used |= set(found)
-            for unknown in (name for name in found if name not in PLACEHOLDERS):
+            for unknown in set(_BRACES.findall(word)) - PLACEHOLDERS.keys():
                 yield (f"command.{i}", word, f"unknown {{{unknown}}}; expected one of {names(PLACEHOLDERS)}"
                                              f"{did_you_mean(unknown, PLACEHOLDERS)}")
-            if "settings" in found and word != "{settings}":
+            if "{settings}" in word and word != "{settings}":
                 yield f"command.{i}", word, "expected {settings} as an argument of its own"
         can = self.capabilities
-        needed = {"scene", "result", "rtol" if can.adaptive else "dt", *(["settings"] if self.settings else [])}
-        needed |= {"events"} if can.locates_events else set()
+        refined, other = ("rtol", "dt") if can.adaptive else ("dt", "rtol")
+        needed = {"scene", "result", refined, *["settings"] * bool(self.settings), *["events"] * can.locates_events}
         for missing in sorted(needed - used):
             yield "command", self.command, f"expected {{{missing}}} among the arguments"
-        if (other := "dt" if can.adaptive else "rtol") in used:
-            yield "command", self.command, (f"expected no {{{other}}}: capabilities.adaptive is "
-                                            f"{str(can.adaptive).lower()}")
+        if other in used:
+            yield "command", self.command, f"expected no {{{other}}}: capabilities.adaptive is {shown(can.adaptive)}"
         for name in sorted(RESERVED & self.settings.keys()):
             yield f"settings.{name}", self.settings[name], "another name: the suite gives this setting itself"
-        for i, word in enumerate(self.command):
-            if "\0" in word:
-                yield f"command.{i}", word, "expected no NUL"
-        if _BRACES.search(self.command[0]):
-            yield "command.0", self.command[0], "expected a program, not a placeholder"
 
     def arguments(self, values: dict[str, str], settings: list[str]) -> list[str]:
         """Return the arguments with values for the placeholders; they are never read by a shell."""

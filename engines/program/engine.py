@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
@@ -148,12 +147,10 @@ class ProgramEngine(DeclaredEngine):
 
     def _report(self, path: Path) -> _Report:
         try:
-            return _Report.model_validate(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else _Report()
+            return _Report.model_validate_json(path.read_bytes()) if path.is_file() else _Report()
         except ValidationError as error:
-            wrong = f"cannot be used: {next(problems_in_tables(error, _Report, {'events': _Event}))}"
-        except ValueError as error:
-            wrong = f"are not JSON: {error}"
-        raise BadTrajectory(f"{self.name} returned events that {wrong}")
+            wrong = next(problems_in_tables(error, _Report, {"events": _Event}))
+            raise BadTrajectory(f"{self.name} returned events that cannot be used: {wrong}") from None
 
     def _events(self, report: _Report, table: ResultTable, columns: Mapping[str, np.ndarray],
                 t_end: float) -> Iterator[Event]:

@@ -13,11 +13,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from stiction.scenes.wording import shortened
+from stiction.scenes.wording import last_lines
 
 SUPERVISOR = Path(__file__).with_name("supervisor.py")
-LOG_BYTES, LOG_LINES = 4000, 4
-"""What is read of the end of what a program printed, and the lines of it that a message has."""
+LOG_BYTES = 4000
+"""Of what a program printed, the end is read."""
 
 
 class Ended(NamedTuple):
@@ -71,12 +71,6 @@ def run_program(command: Sequence[str], folder: Path, environment: Mapping[str, 
         first, _, rest = supervisor.stdout.read().strip().partition(" ")
     if not first or first == "error":
         return Ended(None, 0.0, rest or "its supervisor was killed")
-    return Ended(int(first), float(rest), _end_of(log))
-
-
-def _end_of(log: Path) -> str:
-    """The last lines of a file, in one."""
     with log.open("rb") as file:
         file.seek(max(0, log.stat().st_size - LOG_BYTES))
-        lines = [line.strip() for line in file.read().decode(errors="replace").splitlines() if line.strip()]
-    return " | ".join(shortened(line, 200) for line in lines[-LOG_LINES:])
+        return Ended(int(first), float(rest), last_lines(file.read().decode(errors="replace")))

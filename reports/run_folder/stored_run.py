@@ -19,6 +19,7 @@ from stiction.engines.isolation import Outcome
 from stiction.reports.run_folder.data import TRUTH, truth_file
 from stiction.reports.run_folder.overwriting import PROVENANCE
 from stiction.scenes import Cost, Event, InputError, Trajectory
+from stiction.scenes.trajectory import events_of
 
 ABOUT_RUNS = ("runs", "variants", "parameters", "truths")
 """Tables of a run folder that are not of the comparisons."""
@@ -44,7 +45,8 @@ class StoredRun:
     def validation(self) -> Results:
         """Return the results, trajectories and truths included; a truth is straight between its stored samples."""
         events = pd.read_parquet(self.folder / "data" / "events.parquet")
-        found = {str(key): _events(rows) for key, rows in events.groupby("key", sort=False)}
+        found = {str(key): events_of(rows.dropna(axis="columns", how="all"))
+                 for key, rows in events.groupby("key", sort=False)}
         truths = [Path(name).stem for name in self.origin["files"] if name == truth_file(Path(name).stem)]
         runs = self.tables["runs"]
         steps = {name: tuple(rows["step"].unique()) for name, rows in runs.groupby("variant")} if len(runs) else {}
@@ -102,14 +104,6 @@ def read_run(folder: str | Path) -> StoredRun:
         raise InputError(f"{folder / 'data' / absent[0]}.parquet: not part of this folder; expected a run folder of "
                          "this version of `stiction validate`")
     return StoredRun(folder, origin, tables)
-
-
-def _events(rows: pd.DataFrame) -> tuple[Event, ...]:
-    """The events of one run; what no side of an event has a value for is no column of it."""
-    known = rows.dropna(axis="columns", how="all")
-    before, after = (known[[name for name in known if name.startswith(side)]].rename(
-        columns=lambda name: name.partition(".")[2]).to_dict("records") for side in ("before.", "after."))
-    return tuple(Event(row.t, row.kind, row.joint, *sides) for row, *sides in zip(known.itertuples(), before, after))
 
 
 def _samples(frame: pd.DataFrame, events: tuple[Event, ...]) -> tuple[np.ndarray, dict[str, np.ndarray]]:

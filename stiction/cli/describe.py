@@ -43,8 +43,8 @@ def list_engines(name: Annotated[str | None, typer.Argument(
         metavar="[NAME]", help="One of them, module:Class, a program's FILE.toml or a FILE.fmu: its settings, their "
         "defaults and what they mean.")] = None,
                  try_it: Annotated[bool, typer.Option(
-        "--try", help="Try it on four scenes, from a free body to the slider-bar, and say what is wrong in the first that "
-        "is.")] = False, timeout: Timeout = 120) -> None:
+        "--try", help="Try it on four scenes, from a free body to the slider-bar, and say what is wrong in the "
+        "first that is.")] = False, timeout: Timeout = 120) -> None:
     """List the engines: version or why it is missing, fidelities, friction law and who supplies it."""
     if try_it:
         _try(name or "", timeout)

@@ -8,6 +8,7 @@ import stiction
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.scenes import Event, load_scene
 from stiction.scenes.motion_table import with_sides
+from stiction.scenes.trajectory import events_frame, events_of
 
 
 @pytest.fixture(scope="module")
@@ -39,3 +40,7 @@ def test_events_of_two_parts_at_one_instant_are_passed_one_after_the_other():
     assert found["t"].tolist() == [0, 1, 1.5, 1.5, 1.5, 1.5, 2]
     np.testing.assert_allclose(found["a.vx"][2:6], [1, 3, 3, 3], rtol=1e-12)
     np.testing.assert_allclose(found["b.vx"][2:6], [5, 5, 5, 7], rtol=1e-12)
+
+
+def test_a_table_of_events_gives_each_back_with_its_own_columns(run):
+    assert events_of(events_frame(run.events)) == run.events

@@ -5,7 +5,7 @@
 Tries those (all, if none is named) that FILE has no answer for, one after the other, each in a copy of the checkout: first the tests
 that are named for it, then the part of `stiction check` that runs through the file, and where neither finds it the scenes of a night that
 are named for it; with ``--first`` no more is asked once something has found it. FILE is written after each; then `PAGE`, the
-table. It takes one to five minutes each; kernels compile again where one is concerned.
+table. It takes one to five minutes each: kernels compile in each copy, as numba keeps machine code by the path of the sources.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ import tomli_w
 ROOT = Path(__file__).parent.parent
 LIST, PAGE = ROOT / "tests" / "mutations.toml", ROOT / "docs" / "reference" / "mutations.md"
 RESULTS = ROOT / "build" / "mutations.json"
-NOT_COPIED = (".git", ".venv", "build", "runs", "nightly", "site", ".hypothesis", ".pytest_cache")
+NOT_COPIED = ("__pycache__", ".git", ".venv", "build", "runs", "nightly", "site", ".hypothesis", ".pytest_cache")
 CAMPAIGN = Path("comparisons", "campaigns", "nightly.toml")
 PARTS = ("equations", "event location", "columns", "adapters", "truths", "gate")
 FINE, FAILED, REGRESSED = 0, 1, 3
@@ -111,7 +111,7 @@ def mutations() -> list[Mutation]:
 
 @contextmanager
 def copied() -> Iterator[Path]:
-    """A copy of the checkout with its compiled kernels: those that a mutation does not concern are not compiled again."""
+    """A copy of the checkout."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place, "stiction")
         shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*NOT_COPIED))

@@ -10,6 +10,11 @@ from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes.laws import evaluate_law, law_kinks
 
 MOTION = ("x", "y", "angle", "vx", "vy", "omega", "ax", "ay", "alpha")
+LAWS = [{"type": "constant", "value": 0.7}, {"type": "linear", "offset": 0.3, "rate": -1.7},
+        {"type": "sine", "offset": 0.2, "amplitude": 1.1, "frequency": 9.0, "phase": 0.4},
+        *({"type": "table", "times": [0.1, 0.2, 0.45, 0.5, 0.8], "values": [0.3, -1, 2, 0.5, 0.25], "interpolation": kind} for kind in ("linear", "cubic")),
+        {"type": "table", "times": [0.1, 0.9], "values": [1, -2], "interpolation": "cubic"}]
+"""One of each kind; the last begins later and ends earlier than the runs."""
 
 
 def simulate(scene, **arguments):

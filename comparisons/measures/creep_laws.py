@@ -1,7 +1,7 @@
 """Creep that follows from a law of friction which is zero at rest: closed forms, to be found in runs with that law.
 
 A law f = mu N g(v) with g(0) = 0 holds no load at rest. Under a steady load of part p of mu N a slider creeps with
-v = g^-1(p), whatever mu is and however N is shared by its contacts: so the first three functions, while the last two
+v = g^-1(p), whatever mu is and however N is shared by its contacts: so the first two functions, while the last two
 need n like contacts. Only an engine whose g jumps at 0, or has memory as bristles have, holds. Parts are of [0, 1), all
 other arguments and the results in SI units.
 """
@@ -14,16 +14,6 @@ from math import sqrt
 def linear_zone(part: float, zone: float) -> float:
     """Return p zone, of g = v/zone (Exudyn's ``frictionProportionalZone``)."""
     return part * zone
-
-
-def quadratic_zone(part: float, zone: float) -> float:
-    """Return (1 - sqrt(1 - p)) zone, of g = 2 v/zone - (v/zone)^2.
-
-    That is f1, the smoothing of "Incremental potential contact" (Li et al. 2020, section on friction), which
-    Newton's VBD has (``friction_epsilon``), no engine of the suite. For small loads it is W zone/(2 mu N) of
-    issue 3943 of newton-physics.
-    """
-    return (1.0 - sqrt(1.0 - part)) * zone
 
 
 def soft_norm(part: float, tolerance: float) -> float:

@@ -214,7 +214,7 @@ class TestCompare:
     def test_cost_says_what_is_no_independent_truth_and_what_its_columns_are(self, tmp_path, in_this_process):
         """A sled on a slope pulled by a spring has no truth but our own run."""
         invoke("new", str(tmp_path / "sled.toml"))
-        own = invoke("compare", "cost", str(tmp_path / "sled.toml"), "--quick", "--engines", "reference", "--repeats", "1", "--t-end", "0.1").stdout
+        own = invoke("compare", "cost", str(tmp_path / "sled.toml"), "--quick", "--engines", "reference", "--repeats", "1", "--t-end", "0.5").stdout
         assert "our own run" in own and "not independent" in own and "CPU to an error of 1 mm in sled" in own
 
     def test_a_truth_without_jumps_is_no_failure(self, in_this_process):

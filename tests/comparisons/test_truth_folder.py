@@ -23,10 +23,15 @@ def folder(compiled, tmp_path_factory):
     return written("slider-bar-case-1", tmp_path_factory.mktemp("truth"))
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_what_is_read_is_the_truth(compiled, tmp_path, name):
+@pytest.fixture(scope="module", params=CASES)
+def stored(request, compiled, tmp_path_factory):
+    """A scene's name, and its scene and truth as they were read."""
+    return request.param, *read_truth(written(request.param, tmp_path_factory.mktemp("stored")))
+
+
+def test_what_is_read_is_the_truth(stored):
+    name, scene, found = stored
     truth = ground_truth(load_scene(name))
-    scene, found = read_truth(written(name, tmp_path))
     t = np.random.default_rng(0).uniform(0.0, truth.t_end, 500)
     known, read = truth(t), found(t)
     assert {column for column in known if not np.abs(known[column] - read[column]).max() <= found.uncertainty[column]} == set()
@@ -35,10 +40,9 @@ def test_what_is_read_is_the_truth(compiled, tmp_path, name):
     assert scene.name == load_scene(name).name and scene.t_end == truth.t_end
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_events_and_their_sides(compiled, tmp_path, name):
+def test_events_and_their_sides(stored):
+    name, _, found = stored
     truth = ground_truth(load_scene(name))
-    _, found = read_truth(written(name, tmp_path))
     assert [(event.time, event.kind, event.joint) for event in found.events] == [(event.time, event.kind, event.joint) for event in truth.events]
     assert all(dict(one.before) == dict(other.before) and dict(one.after) == dict(other.after) for one, other in zip(found.events, truth.events))
     for event in truth.events:

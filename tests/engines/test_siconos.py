@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 from conftest import installed
+from reference_checks import LAWS
 
 from stiction.comparisons.conformance import conformance
 from stiction.comparisons.measures.scene_truth import ground_truth
@@ -66,12 +67,6 @@ def test_static_friction_holds_up_to_its_own_coefficient(engine, mus, moves):
     assert (abs(run["guide.slip_velocity"][-1]) > 0.1) == moves and run["guide.mode"][-1] == (-1 if moves else 0)
 
 
-LAWS = [{"type": "constant", "value": 0.7}, {"type": "linear", "offset": 0.3, "rate": -1.7},
-        {"type": "sine", "offset": 0.2, "amplitude": 1.1, "frequency": 9.0, "phase": 0.4},
-        *({"type": "table", "times": [0.1, 0.2, 0.45, 0.5, 0.8], "values": [0.3, -1, 2, 0.5, 0.25], "interpolation": kind} for kind in ("linear", "cubic")),
-        {"type": "table", "times": [0.1, 0.9], "values": [1, -2], "interpolation": "cubic"}]
-
-
 def test_every_law_as_a_torque(engine):
     """The mean angular acceleration of a step is the torque in its middle."""
     scene = scene_from_dict({"t_end": 1, "bodies": {f"b{i}": {"mass": 1, "inertia": 0.5, "position": [i, 0]} for i in range(len(LAWS))},
@@ -101,7 +96,7 @@ def test_it_makes_the_steps_of_our_own_stepping(engine, name, settings):
             np.testing.assert_allclose(mine, ours, rtol=0, atol=1e-8 * max(1.0, np.max(np.abs(ours))), err_msg=f"{body}.{column}")
 
 
-def test_it_conforms(engine):
+def test_it_conforms(engine, in_this_process):
     assert [trial.verdict for trial in conformance(str(adapter.DECLARATION), 120)] == ["right"] * 4
 
 

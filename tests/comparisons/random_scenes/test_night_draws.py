@@ -18,7 +18,7 @@ from stiction.comparisons.campaigns.regression import COULD_NOT_RUN, REGRESSION,
 from stiction.comparisons.environment import origin
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.random_scenes import __main__ as random_scenes
-from stiction.comparisons.random_scenes import random_slider_bars, resting_mechanisms
+from stiction.comparisons.random_scenes import one_freedom, random_slider_bars, resting_mechanisms
 from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome
 from stiction.comparisons.random_scenes.night_draws import BATCH, STUDIES, Draw, draws_of_night, sentences_on_draws
 from stiction.engines import Outcome
@@ -69,6 +69,9 @@ def test_draws_are_in_the_history_with_their_seed(night):
 
 @pytest.mark.parametrize("module", [random_slider_bars, resting_mechanisms])
 def test_what_is_silently_wrong_is_a_regression_with_the_command_that_repeats_it(night, monkeypatch, module):
+    # the motion that decides where a run disagrees takes ten seconds
+    monkeypatch.setattr(resting_mechanisms, "simulate", lambda scene, t_end, *_: one_freedom.simulate(scene, t_end))
+
     def wrong(*_):
         found = SceneOutcome(module.STUDY.failing[0], "event 3: truth stick, run slip", 0.1, "this scene")
         return found if module is resting_mechanisms else (found,)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference_checks import LAWS
 
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.engines import Refused, load_engine
@@ -49,12 +50,6 @@ def test_slider_bar_within_the_error_of_events_a_step_late(solver, case):
     for column, power in (("slider.vx", 0), ("slider.x", 1)):
         late = sum(h * jump * (t - time + h) ** power * (t >= time - h) for time, jump in events)
         assert np.all(np.abs(found[column] - exact[column]) <= late + h ** 2 * third * np.maximum(t, h) ** (1 + power)), column
-
-
-LAWS = [{"type": "constant", "value": 0.7}, {"type": "linear", "offset": 0.3, "rate": -1.7},
-        {"type": "sine", "offset": 0.2, "amplitude": 1.1, "frequency": 9.0, "phase": 0.4},
-        *({"type": "table", "times": [0.1, 0.2, 0.45, 0.5, 0.8], "values": [0.3, -1, 2, 0.5, 0.25], "interpolation": kind} for kind in ("linear", "cubic")),
-        {"type": "table", "times": [0.1, 0.9], "values": [1, -2], "interpolation": "cubic"}]
 
 
 def test_every_law_as_a_torque_and_as_a_drive(solver):

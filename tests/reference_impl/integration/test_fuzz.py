@@ -117,17 +117,12 @@ def fuzz(seed, count, *, steps):
     return failures, met
 
 
-def test_three_hundred():
-    failures, met = fuzz(1, 300, steps=500)
+@pytest.mark.parametrize(("seed", "count", "steps"), [(1, 300, 500), pytest.param(2, 20_000, 2000, marks=pytest.mark.long)])
+def test_every_solution_is_verified(seed, count, steps):
+    failures, met = fuzz(seed, count, steps=steps)
     assert not failures, "\n".join(failures)
-    assert met[SOLVED] > 240 and met["end"] > 15  # else this tested little
-
-
-@pytest.mark.long
-def test_twenty_thousand():
-    failures, met = fuzz(2, 20_000, steps=2000)
-    assert not failures, "\n".join(failures)
-    assert met[SOLVED] > 16_000 and met.get(SINGULAR, 0) < 200
+    assert met[SOLVED] > 0.8 * count and met["end"] > 0.05 * count  # else this tested little
+    assert met.get(SINGULAR, 0) < 0.01 * count
 
 
 @pytest.mark.parametrize("path", REGRESSIONS, ids=lambda path: path.stem)

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from random_mechanisms import extreme_scene, moderate_scene, turn
+from random_mechanisms import moderate_scene, turn
 
 from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
@@ -219,33 +219,16 @@ def disagreements(name: str, seed: int, scenes: range, t_end: float = T_END) -> 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_guises_agree(name, compiled):
-    assert disagreements(name, SEED, range(30)) == []
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("t_end", [1.5, 8.0])
-def test_guises_of_many_agree(name, t_end, compiled):
-    assert disagreements(name, SEED + 1, range(300), t_end) == []
+@pytest.mark.parametrize(("seed", "count", "t_end"), [
+    (SEED, 30, T_END), *(pytest.param(SEED + 1, 300, t_end, marks=pytest.mark.long) for t_end in (1.5, 8.0))])
+def test_guises_agree(name, seed, count, t_end, compiled):
+    assert disagreements(name, seed, range(count), t_end) == []
 
 
 def test_scenes_have_what_the_guises_are_about():
     scenes = (scene_from_dict(drawn(SEED, number)[0]) for number in range(30))
     several = [scene for scene in scenes if len(scene.frictional_guides) > 1]
     assert len(several) > 10 and sum(len(simulate(scene, RTOL, T_END).events) for scene in several) > 30
-
-
-@pytest.mark.parametrize("tables", [moderate_scene(SeededDice(3)), extreme_scene(np.random.default_rng(3))],
-                         ids=["moderate", "extreme"])
-def test_there_and_back_is_the_same(tables):
-    assert mirrored(mirrored(tables)) == tables
-    there_and_back = moved(moved(tables, np.array([1.0, -2.0]), 0.0), np.array([-1.0, 2.0]), 0.0)
-    for name, body in tables["bodies"].items():
-        assert there_and_back["bodies"][name]["position"] == pytest.approx(body["position"], abs=1e-12)
-    other, names = renamed(tables)
-    assert set(names.values()) == {name for section in SECTIONS for name in tables[section]}
-    assert not set(names) & set(names.values())
 
 
 @pytest.mark.parametrize("name", NAMES)

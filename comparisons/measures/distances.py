@@ -105,7 +105,7 @@ def hausdorff(a: Graph, b: Graph, time_scale: float = 1.0, value_scale: float = 
         curve, gap = _densified(graph.t / time_scale, graph.values / value_scale, points)
         curves.append(curve)
         spacing, unsure = max(spacing, gap), unsure + float(np.max(graph.interpolation_error)) / value_scale
-    value = max(float(np.max(cKDTree(other).query(curve)[0])) for curve, other in (curves, curves[::-1]))
+    value = max(float(np.max(cKDTree(other).query(curve, workers=-1)[0])) for curve, other in (curves, curves[::-1]))
     return Uncertain(value, spacing + unsure)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -208,6 +208,18 @@ def measure_threshold(scene: Scene, engine: str, arguments: Mapping[str, Any], s
     return probe.bracket(low, high, low)
 
 
+def measure_series(scene: Scene, variant: Variant, search: Search) -> tuple[Threshold, ...]:
+    """Bracket the threshold at each step from coarse to fine; each search begins at the bracket before."""
+    found: list[Threshold] = []
+    for step in variant.ladder:
+        arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings}
+        found.append(measure_threshold(scene, variant.engine, arguments, search))
+        low, high = found[-1].with_stick, found[-1].without_stick
+        if low is not None and high is not None:
+            search = replace(search, near=low, first=FIRST_STEP * (high - low))
+    return tuple(found)
+
+
 def _ends(stuck: Callable[[float], bool], search: Search) -> tuple[float, float]:
     """The amplitudes between which the range is halved, N."""
     if search.near is not None:
@@ -257,39 +269,39 @@ def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float
                          true: Mapping[bool, StickThreshold]) -> Comparison[pd.DataFrame]:
     """The stick threshold of variants along their refinement series: `threshold_table`.
 
-    The search starts at the scene's own amplitude, which knows nothing of the truth, and ends with a bracket of `width`
-    newton (with located events: `LOCATED_WIDTH`). The bracket is the variant's own: it was seen to stick at one end and
-    not at the other.
+    The first search starts at the scene's own amplitude, which knows nothing of the truth, finer ones at the variant's
+    own coarser bracket. Each ends with a bracket of `width` newton (with located events: `LOCATED_WIDTH`). The bracket
+    is the variant's own: it was seen to stick at one end and not at the other.
 
     Parameters
     ----------
     true
         The yield of `true_thresholds` for the scene.
     """
-    runs, tasks = [(variant, step) for variant in variants for step in variant.ladder], []
-    for variant, step in runs:
+    tasks = []
+    for variant in variants:
         has_mus = has_static_coefficient(variant)
         physics = physics_of(scene, has_mus)
         start = max(load.law.amplitude for load in physics.forces.values() if isinstance(load.law, Sine))
         centre = true[has_mus].F0 or start
         search = Search(min(start, centre) / 2, 2 * max(start, centre),
                         LOCATED_WIDTH if variant.parameter == "rtol" else width, start, FIRST_PART * start)
-        arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings}
-        tasks.append(Task(f"threshold/{run_key(scene, variant, step)}", measure_threshold,
-                          (physics, variant.engine, arguments, search)))
-    return Comparison(tuple(tasks), lambda outcomes: threshold_table(scene, runs, outcomes, true), tuple(variants))
+        tasks.append(Task(f"threshold/{scene.name}/{variant.label}", measure_series, (physics, variant, search)))
+    return Comparison(tuple(tasks), lambda outcomes: threshold_table(scene, variants, outcomes, true), tuple(variants))
 
 
-def threshold_table(scene: Scene, runs: Sequence[tuple[Variant, float]], outcomes: Sequence[Outcome],
+def threshold_table(scene: Scene, variants: Sequence[Variant], outcomes: Sequence[Outcome],
                     true: Mapping[bool, StickThreshold]) -> pd.DataFrame:
-    """One row per measurement; the values of the outcomes are `Threshold`.
+    """One row per variant and step; the values of the outcomes are those of `measure_series`.
 
     The numerical uncertainty is the width of the bracket plus the rest of the transient and, along a refinement series,
     the change from the next coarser step.
     """
     rows = []
-    for (variant, step), outcome in zip(runs, outcomes, strict=True):
-        has_mus, found = has_static_coefficient(variant), outcome.value
+    runs = [(variant, outcome, step, found) for variant, outcome in zip(variants, outcomes, strict=True)
+            for step, found in zip(variant.ladder, outcome.value or [None] * len(variant.ladder), strict=True)]
+    for variant, outcome, step, found in runs:
+        has_mus = has_static_coefficient(variant)
         truth, guide = true[has_mus], next(iter(physics_of(scene, has_mus).frictional_guides.values()))
         row = {"scene": scene.name, "variant": variant.label, "engine": label_of(variant.engine),
                "fidelity": variant.fidelity, "parameter": variant.parameter, "step": step, "status": outcome.status,
@@ -300,7 +312,8 @@ def threshold_table(scene: Scene, runs: Sequence[tuple[Variant, float]], outcome
                "g [m/s^2]": -scene.gravity[1] if scene.gravity else 0.0, "mu": guide.mu,
                "mus": guide.static_coefficient, "creep tolerance [m/s]": CREEP_TOLERANCE,
                "shortest stick [s]": SHORTEST_STICK,
-               "settling periods": (found and found.settle_periods) or SETTLE_PERIODS, "key": outcome.label}
+               "settling periods": (found and found.settle_periods) or SETTLE_PERIODS,
+               "key": f"threshold/{run_key(scene, variant, step)}"}
         rows.append(row if found is None else row | {
             WITH_STICK: found.with_stick, WITHOUT_STICK: found.without_stick, "creep speed [m/s]": found.creep_speed,
             "window [s]": WINDOW_PERIODS * found.period, "runs": found.runs, "cpu [s]": found.cpu_s,
@@ -385,4 +398,4 @@ def known(number: float, unsure: float) -> str:
 
 
 STUDY = Study("threshold", "Stick limit", "Up to which load does the slider stick?", 4, present, plan,
-              {TRUTH: lambda scope: true_thresholds(scope.scenes[0])}, seconds=5.0, takes=frozenset({"engines"}))
+              {TRUTH: lambda scope: true_thresholds(scope.scenes[0])}, seconds=6.0, takes=frozenset({"engines"}))

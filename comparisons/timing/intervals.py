@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.stats import binom
 
 CONFIDENCE = 0.9
 """Least level of an interval that separates two medians; five samples reach it, four do not."""
@@ -57,7 +56,8 @@ def median_interval(samples: Sequence[float]) -> Interval:
 @cache
 def _rank(n: int) -> tuple[int, float]:
     """Rank k of the narrowest interval of n samples that reaches `CONFIDENCE`, else of the widest, and its level."""
-    levels = {k: max(0.0, 1 - 2 * float(binom.cdf(k - 1, n, 0.5))) for k in range(1, (n + 1) // 2 + 1)}
+    levels = {k: max(0.0, 1 - 2 * sum(math.comb(n, below) for below in range(k)) / 2 ** n)
+              for k in range(1, (n + 1) // 2 + 1)}
     k = max((k for k, level in levels.items() if level >= CONFIDENCE), default=1)
     return k, levels[k]
 

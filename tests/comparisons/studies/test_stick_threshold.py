@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stiction.comparisons.studies.stick_threshold import Search, around, measure_threshold
+from stiction.comparisons.studies.stick_threshold import FIRST_STEP, Search, around, measure_series, measure_threshold
 from stiction.comparisons.truth import StickThreshold, stick_threshold
 from stiction.comparisons.truth.reduced import steady_state as steady_states
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState, steady_state
+from stiction.comparisons.variants import Variant
 from stiction.scenes import load_scene, vary
 
 TWO_ATTRACTORS = {"L": 1.4690166001538274, "w0": 0.4919565038887755, "m1": 0.320486885826721,
@@ -116,3 +117,13 @@ def test_a_search_from_near_finds_what_halving_the_range_does():
     for one in found:
         assert one.without_stick - one.with_stick <= 1e-6 and abs(one.with_stick - 4.2119563) < 1.5e-6
     assert found[1].runs < found[0].runs / 2
+
+
+def test_a_finer_step_begins_at_the_bracket_of_the_coarser_one():
+    """It ends with the bracket that a search from afar finds, in half as many runs: both halve the same range."""
+    scene, search = vary(load_scene("slider-bar-case-1"), {"mus": "mu"}), Search(1.5, 6.0, 1e-2, 3.0, 0.06)
+    moreau = Variant("Moreau", "moreau", "dt", (1e-2, 2.5e-3), "contact")
+    coarse, fine = measure_series(scene, moreau, search)
+    afar = measure_threshold(scene, "moreau", {"dt": 2.5e-3, "fidelity": "contact"}, search)
+    assert (fine.with_stick, fine.without_stick) == pytest.approx((afar.with_stick, afar.without_stick), abs=1e-12)
+    assert fine.runs <= afar.runs / 2 and fine.without_stick - coarse.with_stick < FIRST_STEP * search.width

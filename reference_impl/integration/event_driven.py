@@ -540,7 +540,7 @@ def _come_to_rest(m: Arrays, w: Workspace, s: State) -> None:
     if m.baumgarte_beta2 > 0.0:
         # what is at rest cannot follow the acceleration by which Baumgarte's terms would take back a residual
         row_form(m, w, t, q, v)
-        project(m, w, t, q, v, 1e-15 * m.length_scale, 2)
+        project(m, w, t, q, v, s.slip, False, 2)
 
 
 @kernel(allocates=True)
@@ -793,10 +793,14 @@ def _project(m, w, s, has_rows):
         speed = max(speed, abs(w.free[i]) * s.attempt.length * (m.length_scale if i % 3 == 2 else 1.0))
     for r in range(m.rows):
         position, velocity = max(position, abs(w.phi[r])), max(velocity, abs(w.phi_dot[r]))
+    holds = False
+    for f in range(len(m.friction)):
+        if s.slip[f] == 0:
+            holds, velocity = True, max(velocity, abs(w.slip_speed[f]))
     if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * speed:
         return False
     w.counters.projections += 1
-    project(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
+    project(m, w, t, y[:n], y[n:], s.slip, holds, 2)
     return True
 
 

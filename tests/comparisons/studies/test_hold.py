@@ -89,14 +89,14 @@ def test_the_limit_is_that_of_statics(name, static):
 @pytest.mark.parametrize("static", [True, False])
 @pytest.mark.parametrize("name", SCENES)
 def test_the_reference_rests_below_the_limit(name, static, compiled):
-    """Slip is 0 up to rounding, and no event; the turning bar is integrated, to a tolerance of 1e-12."""
+    """Slip is 0 up to rounding at any tolerance, and no event; the bar's speed is 0.3 m/s."""
     for load in (0.1, 0.5, 0.9, 0.99):
         scene = loaded(load_scene(name), HELD, load, static)
-        run = load_engine("reference").simulate(scene, rtol=1e-12)
+        run = load_engine("reference").simulate(scene, rtol=1e-6)
         assert run.termination == "end" and not run.events and np.all(run["guide.mode"] == 0)
-        bound = {"hold-turning-bar": 1e-12, "hold-incline": 1e-15}.get(name, 0.0)
-        assert np.max(np.abs(run["guide.slip_velocity"])) <= bound
-        assert measured("reference", scene, HELD, {"rtol": 1e-12})[0].creep.value == 0.0
+        bound = 1e-15 if name in ("hold-turning-bar", "hold-incline") else 0.0
+        assert np.max(np.abs(run["guide.slip_velocity"])) <= bound and np.ptp(run["guide.displacement"]) <= bound
+        assert measured("reference", scene, HELD, {"rtol": 1e-6})[0].creep.value == 0.0
 
 
 @pytest.mark.parametrize("static", [True, False])

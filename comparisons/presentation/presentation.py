@@ -36,6 +36,8 @@ class Presentation:
     figures : tuple of Figure
     notes : tuple of str
         How to read tables and figures: definitions, signs, what may be compared.
+    beside : TracedText
+        A sentence that stands behind the answer on page one, which is not a line of a terminal.
     """
 
     answer: TracedText = TracedText()
@@ -44,6 +46,7 @@ class Presentation:
     tables: tuple[TableView, ...] = ()
     figures: tuple[Figure, ...] = ()
     notes: tuple[str, ...] = ()
+    beside: TracedText = TracedText()
 
     @property
     def is_empty(self) -> bool:

@@ -505,9 +505,14 @@ def present(results: Results) -> Presentation:
                         tuple(figures), NOTES, _most_helpful(settings, best))
 
 
+def _at_rest(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with no uncertainty of a creep that is below rounding: it is written as 0."""
+    return table.assign(**{UNSURE: table[UNSURE].where(table[CREEP] != 0)})
+
+
 def _speed(name: str, table: pd.DataFrame, label: Any) -> Number:
-    """The creep in a row, 0 where it is below rounding."""
-    return value(name, table, int(label), CREEP, "" if table.at[label, CREEP] else "g", UNSURE)
+    """The creep in a row."""
+    return value(name, _at_rest(table), int(label), CREEP, unsure=UNSURE)
 
 
 def _speeds(methods: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
@@ -551,14 +556,16 @@ def _least(settings: pd.DataFrame, best: Sequence[int]) -> TracedText:
 
 
 def _most_helpful(settings: pd.DataFrame, best: Sequence[int]) -> TracedText:
-    """The one of the best settings that slows the default's creep most, and its cost."""
+    """The one of the best settings that leaves the least part of the default's creep, and its cost."""
     if not best:
         return TracedText()
     label = min(best, key=lambda label: tuple(settings.loc[label, [SLOWER, TIME]]))
-    setting, slower, time = (value("hold-settings", settings, label, name, form)
-                             for name, form in ((SETTING, ""), (SLOWER, ".2g"), (TIME, ".2g")))
-    return traced("Of all settings {} of {} helps most: {} of the default's creep in {} of its time.",
-                  replace(setting, how=NAME), settings.at[label, SUBJECT], slower, time)
+    subject = settings.at[label, SUBJECT]
+    default = int(settings.index[settings[SUBJECT].eq(subject) & settings[SETTING].eq(DEFAULT)][0])
+    return traced("Of all settings {} of {} helps most: {} instead of {} m/s, at {} times its cost.",
+                  replace(value("hold-settings", settings, label, SETTING), how=NAME), subject,
+                  *(_speed("hold-settings", settings, row) for row in (label, default)),
+                  value("hold-settings", settings, label, TIME, ".2g"))
 
 
 def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
@@ -623,7 +630,8 @@ def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, 
     usual = with_columns(table, CREEP, UNSURE, LETS_GO)
     usual = usual[usual[SUBJECT].isna() & usual[TEST].eq(HELD) & usual[LOAD].eq(USUAL) & usual[CREEP].notna()]
     yield view("hold-steps", f"Creep at {100 * USUAL:g} % of the limit along each refinement series, fastest on any "
-               "scene.", usual.loc[[fastest(runs) for _, runs in usual.groupby(["variant", "step"], sort=False)]], (
+               "scene.", _at_rest(usual.loc[[fastest(runs) for _, runs in usual.groupby(["variant", "step"],
+                                                                                       sort=False)]]), (
                    Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
                    Column(CREEP, "creep", "m/s", UNSURE), Column(OF_STEP, "of g dt", form=".2g"),
                    Column(OF_ZONE, "of the regularization", form=".2g"), Column("scene", "on")),
@@ -640,7 +648,7 @@ def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, 
                     Column(STOPPED, "stop", "m", STOP_UNSURE)), source="hold")
     if len(settings):
         yield view("hold-settings", "Creep with each setting, one changed at a time; the fastest of all scenes and "
-                   "loads, and engine time over the default's.", settings,
+                   "loads, and engine time over the default's.", _at_rest(settings),
                    (Column(SUBJECT, "engine"), Column(SETTING), Column(CREEP, "creep", "m/s", UNSURE),
                     Column(SLOWER, "of the default's", form=".2g"), Column(TIME, "time, of the default's", form=".2g"),
                     Column("failed")))
@@ -666,14 +674,13 @@ def _by_load(table: pd.DataFrame, methods: pd.DataFrame,
     found = []
     for method, runs in _at_equal_step(table, methods):
         held = with_columns(runs, CREEP, UNSURE, LETS_GO)
-        held = held[held[TEST].eq(HELD) & held[CREEP].notna()]
+        held = _at_rest(held[held[TEST].eq(HELD) & held[CREEP].notna()])
         row = {**method[["variant", "fidelity", "scene", HOLDS]],
                FRICTION_BY: next(iter(runs[FRICTION_BY].dropna()), "")}
         for load in loads:
             if len(there := held[held[LOAD] == load]):
                 worst = there.loc[fastest(there)]
-                row |= {f"creep at {load:g}": abs(worst[CREEP]),
-                        f"uncertainty at {load:g}": worst[UNSURE] if worst[CREEP] else None}  # below rounding it is 0
+                row |= {f"creep at {load:g}": abs(worst[CREEP]), f"uncertainty at {load:g}": worst[UNSURE]}
         found.append((row, held))
     return found
 

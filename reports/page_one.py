@@ -60,9 +60,9 @@ def headline_table(report: Report) -> HeadlineTable:
 
 
 def bullets(report: Report) -> list[tuple[str, TracedText]]:
-    """Title and answer of the studies that have one for page one."""
-    return [(study.title, said.answer) for study, said in report.said.items()
-            if study.title and study.on_page_one and said.answer]
+    """Title and answer of the studies that have one for page one, with what is said beside it."""
+    return [(study.title, listed([*filter(None, (said.answer, said.beside))], " ", " "))
+            for study, said in report.said.items() if study.title and study.on_page_one and said.answer]
 
 
 def page_one(report: Report, picture: str, origin: str) -> str:

@@ -73,7 +73,7 @@ def is_in(number: Number, data: dict[str, pd.DataFrame]) -> bool:
 
 def wrong_numbers(said: Presentation, results: Results) -> list[Number]:
     """Numbers of the sentences that their cells do not have."""
-    texts = [said.answer, *said.findings, *(cell for headline in said.headlines for cell in headline.cells.values())]
+    texts = [said.answer, said.beside, *said.findings, *(cell for headline in said.headlines for cell in headline.cells.values())]
     numbers = [number for text in texts for number in text.numbers if number.how != NAME]
     assert numbers
     return [number for number in numbers if not is_in(number, results.tables)]

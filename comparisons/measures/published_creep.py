@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import tomllib
 from decimal import Decimal
-from functools import partial
 from importlib import resources
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.engines.isolation import Task
+from stiction.engines.mujoco.grasp import creep_and_load
 from stiction.engines.registry import load_engine
 
 PUBLISHED, CREEP, UNCERTAINTY, MATCHED = "published [um/s]", "creep [um/s]", "uncertainty [um/s]", "matched"
@@ -49,7 +49,7 @@ def published_creep() -> pd.DataFrame:
     rows = []
     for case in data["cases"]:
         published = case.get("published_um_s", np.nan)
-        creep, uncertainty, load = _measured(model, **case["options"])
+        creep, uncertainty, load = creep_and_load(model, **case["options"])
         rows.append({"case": case["name"], PUBLISHED: published,
                      "last digit [um/s]": last_digit(published) if published > 0 else np.nan, CREEP: creep,
                      UNCERTAINTY: uncertainty, "ratio": creep / published, "load [N]": load,
@@ -72,52 +72,3 @@ def _data() -> dict[str, Any]:
 def published_creep_task() -> Task:
     """Return `published_creep` as a task of the runner."""
     return Task("hold/published creep", published_creep)
-
-
-def _grasp(model: dict[str, Any], *, cone: str = "elliptic", impratio: float, noslip_iterations: int = 0,
-           condim: int | None = None, stiff: bool = False) -> Any:
-    """The model compiled: pads on slides along x, squeezed by position actuators, and a free capsule along y."""
-    import mujoco
-
-    spec = mujoco.MjSpec()
-    option = spec.option
-    option.timestep, option.gravity = model["timestep"], [0.0, 0.0, -model["gravity"]]
-    option.cone = {"elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC, "pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL}[cone]
-    option.impratio, option.noslip_iterations = impratio, noslip_iterations
-    surface = {"friction": model["friction"], "condim": condim or model["condim"]}
-    if stiff:
-        surface["solref"] = [model["stiff_time_constant"], 1.0]
-    for side in (-1.0, 1.0):
-        pad, name = spec.worldbody.add_body(pos=[side * model["pad_distance"], 0.0, 0.0]), f"slide{side:+g}"
-        pad.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[-side, 0.0, 0.0],
-                      damping=[model["pad_damping"]] * 3)
-        pad.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=model["pad_half_size"], mass=model["pad_mass"], **surface)
-        spec.add_actuator(target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_position(kp=model["stiffness"])
-    capsule = spec.worldbody.add_body(name="capsule")
-    capsule.add_freejoint()
-    capsule.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, mass=model["capsule_mass"], quat=[1.0, 1.0, 0.0, 0.0],
-                     size=[model["capsule_radius"], model["capsule_half_length"], 0.0], **surface)
-    return spec.compile()
-
-
-def _measured(model: dict[str, Any], **options: Any) -> tuple[float, float, float]:
-    """Creep downwards and its uncertainty, um/s, and the mean load of both pads, N."""
-    import mujoco
-
-    compiled = _grasp(model, **options)
-    data, height = mujoco.MjData(compiled), compiled.joint(compiled.body("capsule").jntadr[0]).qposadr[0] + 2
-    data.ctrl[:] = model["target"]
-    step = partial(mujoco.mj_step, compiled, data)
-    for _ in range(round(model["settle"] / model["timestep"])):
-        step()
-    heights, loads, force = [data.qpos[height]], [], np.zeros(6)
-    for _ in range(round(model["measured"] / model["timestep"])):
-        step()
-        heights.append(data.qpos[height])
-        loads.append(0.0)
-        for contact in range(data.ncon):
-            mujoco.mj_contactForce(compiled, data, contact, force)
-            loads[-1] += force[0]
-    t = model["timestep"] * np.arange(len(heights))
-    between_ends, fitted = (heights[0] - heights[-1]) / t[-1], -np.polyfit(t, heights, 1)[0]
-    return 1e6 * between_ends, 1e6 * abs(between_ends - fitted), float(np.mean(loads))

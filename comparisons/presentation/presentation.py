@@ -34,6 +34,8 @@ class Presentation:
     headlines, tables, figures : sequences
     notes : sequence of str
         How to read tables and figures: definitions, signs, what may be compared.
+    beside : TracedText
+        A sentence that stands behind the answer on page one, which is not a line of a terminal.
     """
 
     answer: TracedText = TracedText()
@@ -42,6 +44,7 @@ class Presentation:
     tables: Sequence[TableView] = ()
     figures: Sequence[Figure] = ()
     notes: Sequence[str] = ()
+    beside: TracedText = TracedText()
 
     @property
     def is_empty(self) -> bool:

@@ -62,16 +62,19 @@ class Subject:
         Values that are tried, by setting; the others stay at their defaults.
     fixed : Mapping[str, Any]
         Settings that make the method, such as the engine's own friction instead of the adapter's.
+    name : str
+        Of the method, in place of the values of `fixed`.
     """
 
     engine: str
     fidelity: str
     choices: Mapping[str, Sequence[Any]]
     fixed: Mapping[str, Any] = field(default_factory=dict)
+    name: str = ""
 
     @property
     def label(self) -> str:
-        return ", ".join([self.engine, self.fidelity, *map(str, self.fixed.values())])
+        return ", ".join([self.engine, self.fidelity, *([self.name] if self.name else map(str, self.fixed.values()))])
 
     def variants(self, steps: Sequence[float]) -> list[Variant]:
         """The default and every choice, which the label names."""

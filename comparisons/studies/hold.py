@@ -29,13 +29,14 @@ from stiction.comparisons.measures.published_creep import (MATCHED, PUBLISHED, U
                                                            published_engine)
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.methods import at_equal_step, called, rank, succeeded, with_columns
-from stiction.comparisons.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Number, Panel,
+from stiction.comparisons.presentation import (CHOSEN, NAME, OTHER, Axis, Chart, Column, Headline, Number, Panel,
                                                Presentation, Series, TableView, TracedText, count, interval, listed,
                                                sentence, traced, value, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT, Subject
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.timing.intervals import ratio_interval
+from stiction.comparisons.timing.rounds import visit
 from stiction.comparisons.truth import NO_TRUTH
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import (FRICTION_BY, OWN_CPU, UNMADE, Record, Variant, has_static_coefficient,
@@ -84,8 +85,7 @@ NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its s
          f"A slider has let go at {LET_GO:g} m/s; the load at which the truth is as fast is subtracted.",
          "Where the adapter supplies the friction law, what creeps or lets go early may be ours. The load is there "
          "from the start: where mus > mu, a method that slips as it lands meets kinetic friction, which need not hold.",
-         "At contact fidelity and for settings mus = mu: most engines' own contacts have one coefficient.",
-         "A setting's time is that of single runs beside others.")
+         "At contact fidelity and for settings mus = mu: most engines' own contacts have one coefficient.")
 
 
 @dataclass(frozen=True)
@@ -158,6 +158,12 @@ class Trial:
         return f"{HELD} {self.load:g}" if self.test == HELD else self.test
 
     @property
+    def tried(self) -> tuple[str | None, str | None]:
+        """Subject and setting that are tried; None for a method as it is."""
+        subject, _, setting = self.variant.label.partition(": ")
+        return (subject, setting) if setting else (None, None)
+
+    @property
     def truth(self) -> str:
         """Key of the truth of what moves."""
         return f"hold/{truth_key(self.scene.name, self.static)}/{self.test}/truth"
@@ -180,8 +186,11 @@ def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> d
     return {**change, **({} if static_coefficient else {"mus": scene.parameters["mu"]})}
 
 
-def measured(engine: str, scene: Scene, test: str, arguments: Mapping[str, Any]) -> tuple[Slip, Trajectory]:
+def measured(engine: str, scene: Scene, test: str, arguments: Mapping[str, Any],
+             timed: bool = False) -> tuple[Slip, Trajectory]:
     """Run a scene and reduce it: the numbers of its slip, and the ends of its trajectory.
+
+    Where it is `timed`, its engine time is the median of repeats (`visit`).
 
     Raises
     ------
@@ -198,6 +207,8 @@ def measured(engine: str, scene: Scene, test: str, arguments: Mapping[str, Any])
                     **_window(scene, test))
     ends = replace(run, t=run.t[[0, -1]], columns={name: column[[0, -1]] for name, column in run.columns.items()},
                    events=())
+    if timed:
+        ends = replace(ends, cost=replace(ends.cost, engine_s=visit(engine, scene, arguments).own_s))
     return found, ends
 
 
@@ -265,8 +276,8 @@ def plan(scope: Scope) -> Comparison[Tables]:
     truths = {trial.truth: Task(trial.truth, true_slip, (trial.scene, trial.test))
               for trial in trials if trial.test != HELD}
     tasks = [Task(trial.key, measured, (trial.variant.engine, trial.scene, trial.test, {
-        trial.variant.parameter: trial.step, "fidelity": trial.variant.fidelity, **trial.variant.settings}))
-        for trial in trials]
+        trial.variant.parameter: trial.step, "fidelity": trial.variant.fidelity, **trial.variant.settings},
+        any(trial.tried))) for trial in trials]
     taking_part = {variant.engine for _, variant, _, _ in ways}
     published = [published_creep_task()] if depth.moved and not one and published_engine() in taking_part else []
 
@@ -290,9 +301,8 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
     """A row of the table: of a failed run with its reason, of a run without truth without errors."""
     ends = outcome.value and outcome.value[1]
     record = Record(trial.key, trial.scene.name, trial.variant, trial.step, replace(outcome, value=ends))
-    subject, _, setting = trial.variant.label.partition(": ")
     row = {**record.describe(), "truth": truth_key(trial.scene.name, trial.static),
-           SUBJECT: subject if setting else None, SETTING: setting or None, TEST: trial.test, LOAD: trial.load,
+           **dict(zip((SUBJECT, SETTING), trial.tried)), TEST: trial.test, LOAD: trial.load,
            CHANGED: json.dumps({"set": trial.changed, "setting": trial.variant.settings}, default=str)}
     if outcome.value is None:
         return row
@@ -343,12 +353,22 @@ def _break_away(scene: Scene, found: Slip, exact: Slip) -> dict[str, Any]:
     return row
 
 
+def fastest(runs: pd.DataFrame) -> Any:
+    """Return the label of the run whose creep stands for all of them.
+
+    It is the fastest of those that exceed their uncertainty or let go; of runs that do not, the one with the largest
+    bound. What does not exceed its rounding counts as rest.
+    """
+    speed = runs[CREEP].abs()
+    sure = speed[(speed > runs[UNSURE]) | runs[LETS_GO].eq(True)]
+    return (sure if len(sure) else (speed + runs[UNSURE]).where(speed > 0, 0.0)).idxmax()
+
+
 def methods_table(table: pd.DataFrame) -> pd.DataFrame:
     """A row per method at the step nearest to `COMMON_STEP`, on all scenes of the depth.
 
     `HOLDS`: every load of at most `USUAL` is held, within `STILL`; none where uncertainties leave it open. `CREEP`: the
-    fastest there of those that exceed their uncertainty, with its scene and load, and whether the slider lets go.
-    ``failed``: the runs that failed.
+    `fastest` there, with its scene and load, and whether the slider lets go. ``failed``: the runs that failed.
     """
     own = with_columns(table, CREEP, UNSURE, LETS_GO)
     own = own[own[SUBJECT].isna() & own[TEST].eq(HELD) & ~own["status"].isin(UNMADE)]
@@ -362,8 +382,7 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
         row = {**runs.iloc[0][["variant", "engine", "fidelity", "truth"]], "failed": len(runs) - len(made)}
         if len(made):
             speed = made[CREEP].abs()
-            sure = speed[(speed > made[UNSURE]) | made[LETS_GO].eq(True)]
-            worst = made.loc[(sure if len(sure) else speed).idxmax()]
+            worst = made.loc[fastest(made)]
             moves = (speed > np.maximum(STILL, made[UNSURE])).any() or made[LETS_GO].eq(True).any()
             unsure = np.maximum(speed, made[UNSURE]) > STILL
             row |= {HOLDS: False if moves or len(made) < len(runs) else None if unsure.any() else True,
@@ -432,11 +451,11 @@ def verdict(found: Uncertain | None, law: float, band: float) -> str:
 def settings_table(table: pd.DataFrame) -> pd.DataFrame:
     """A row per subject and setting, over the scenes and loads at which the default succeeded.
 
-    `CREEP` is the fastest, `SLOWER` that over the default's, `TIME` the median of the engine times over the default's,
-    with the ends of its interval; single runs are timed, beside others.
+    `CREEP` is the `fastest`, `SLOWER` that over the default's, `TIME` the median of the engine times over the
+    default's, with the ends of its interval.
     """
     rows = []
-    tried = with_columns(table, CREEP, UNSURE)
+    tried = with_columns(table, CREEP, UNSURE, LETS_GO)
     tried = tried[tried[SUBJECT].notna() & ~tried["status"].isin(UNMADE)]
     for subject, group in tried.groupby(SUBJECT, sort=False):
         made = group[succeeded(group) & group[CREEP].notna()].set_index(["scene", LOAD])
@@ -447,10 +466,9 @@ def settings_table(table: pd.DataFrame) -> pd.DataFrame:
             row = {SUBJECT: subject, SETTING: setting, "failed": int((group[SETTING] == setting).sum()) - len(found)}
             if len(shared):
                 found, before = found.loc[shared], default.loc[shared]
-                worst = found[CREEP].abs().to_numpy().argmax()
+                worst, slip = (abs(runs.at[fastest(runs), CREEP]) for runs in (found, before))
                 times = ratio_interval(found[OWN_CPU].tolist(), before[OWN_CPU].tolist())
-                row |= {CREEP: abs(found[CREEP].iloc[worst]), UNSURE: found[UNSURE].iloc[worst],
-                        SLOWER: _over(abs(found[CREEP].iloc[worst]), before[CREEP].abs().max()),
+                row |= {CREEP: worst, UNSURE: found.at[fastest(found), UNSURE], SLOWER: _over(worst, slip),
                         TIME: times.value, f"{TIME}, low": times.low, f"{TIME}, high": times.high}
             rows.append(row)
     return pd.DataFrame(rows, columns=[SUBJECT, SETTING, "failed", CREEP, UNSURE, SLOWER, TIME, f"{TIME}, low",
@@ -471,7 +489,8 @@ def present(results: Results) -> Presentation:
     if methods[CREEP].isna().all():
         return Presentation(TracedText("No run under a held load succeeded."), (_failed(methods),))
     ranked = methods[methods[CREEP].notna()].sort_values(CREEP, kind="stable")
-    creeping = ranked[ranked[HOLDS].eq(False) & (ranked[CREEP] > STILL)]
+    creeping = ranked[ranked[LETS_GO].eq(True) | (ranked[CREEP] > np.maximum(STILL, ranked[UNSURE]))]
+    best = _best(settings)
     answer = traced("Up to 90 % of the limit {} of {} methods hold{}.", count("hold-methods", methods, holds=True),
                     count("hold-methods", methods, variant=frozenset(ranked["variant"])), _speeds(methods, creeping))
     headline = Headline("creep up to 90 % of the limit [m/s]", {
@@ -480,15 +499,20 @@ def present(results: Results) -> Presentation:
     loads = sorted(table.loc[table[TEST] == HELD, LOAD].unique())
     figures = [_over_load(table, methods, loads), *([_over_cost(settings)] if len(settings) else [])]
     published = results.table("hold-published")
-    findings = (_named(ranked, creeping), _best(settings), *_laws(laws), _published(published), _failed(methods))
+    findings = (_named(ranked, creeping), _least(settings, best), *_laws(laws), _published(published), _failed(methods))
     return Presentation(answer, tuple(filter(None, findings)), (headline,),
                         (*_tables(table, methods, settings, laws, loads), *_published_table(published)),
-                        tuple(figures), NOTES)
+                        tuple(figures), NOTES, _most_helpful(settings, best))
+
+
+def _at_rest(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with no uncertainty of a creep that is below rounding: it is written as 0."""
+    return table.assign(**{UNSURE: table[UNSURE].where(table[CREEP] != 0)})
 
 
 def _speed(name: str, table: pd.DataFrame, label: Any) -> Number:
-    """The creep in a row, 0 where it is below rounding."""
-    return value(name, table, int(label), CREEP, "" if table.at[label, CREEP] else "g", UNSURE)
+    """The creep in a row."""
+    return value(name, _at_rest(table), int(label), CREEP, unsure=UNSURE)
 
 
 def _speeds(methods: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
@@ -512,17 +536,36 @@ def _named(ranked: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
     return traced("{}{}", sentence("At rest: {}.", holding), sentence(" Let go: {}.", gone))
 
 
-def _best(settings: pd.DataFrame) -> TracedText:
-    """The setting with the least creep of each subject whose default creeps, and its cost."""
-    parts = []
+def _best(settings: pd.DataFrame) -> list[int]:
+    """Rows of the settings with the least creep of each subject whose default creeps."""
+    found = []
     whole = settings[settings["failed"].eq(0) & settings[CREEP].notna()] if len(settings) else settings
-    for subject, rows in whole.groupby(SUBJECT, sort=False) if len(whole) else ():
+    for _, rows in whole.groupby(SUBJECT, sort=False) if len(whole) else ():
         best = int(rows[CREEP].idxmin())
         if (rows.loc[rows[SETTING] == DEFAULT, CREEP] > STILL).any() and rows.at[best, SETTING] != DEFAULT:
-            time = value("hold-settings", settings, best, TIME, ".2g")
-            parts.append(traced("{} with {} ({} m/s, {})", str(subject), rows.at[best, SETTING],
-                                _speed("hold-settings", settings, best), time))
-    return sentence("Least creep, and time over the default's: {}.", listed(parts, "; ", "; "))
+            found.append(best)
+    return found
+
+
+def _least(settings: pd.DataFrame, best: Sequence[int]) -> TracedText:
+    """The best settings with their creep and cost."""
+    return sentence("Least creep, and time over the default's: {}.", listed([
+        traced("{} with {} ({} m/s, {})", settings.at[label, SUBJECT], settings.at[label, SETTING],
+               _speed("hold-settings", settings, label), value("hold-settings", settings, label, TIME, ".2g"))
+        for label in best], "; ", "; "))
+
+
+def _most_helpful(settings: pd.DataFrame, best: Sequence[int]) -> TracedText:
+    """The one of the best settings that leaves the least part of the default's creep, and its cost."""
+    if not best:
+        return TracedText()
+    label = min(best, key=lambda label: tuple(settings.loc[label, [SLOWER, TIME]]))
+    subject = settings.at[label, SUBJECT]
+    default = int(settings.index[settings[SUBJECT].eq(subject) & settings[SETTING].eq(DEFAULT)][0])
+    return traced("Of all settings {} of {} helps most: {} instead of {} m/s, at {} times its cost.",
+                  replace(value("hold-settings", settings, label, SETTING), how=NAME), subject,
+                  *(_speed("hold-settings", settings, row) for row in (label, default)),
+                  value("hold-settings", settings, label, TIME, ".2g"))
 
 
 def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
@@ -584,11 +627,11 @@ def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, 
                "nearest to 1 ms or the tightest tolerance.", _by_load(table, methods, loads),
                (Column("variant", "method"), Column("fidelity"), Column(FRICTION_BY, "friction law supplied by"),
                 *at_loads, Column("scene", "fastest on", brief=False), Column(HOLDS)))
-    usual = with_columns(table, CREEP, UNSURE)
+    usual = with_columns(table, CREEP, UNSURE, LETS_GO)
     usual = usual[usual[SUBJECT].isna() & usual[TEST].eq(HELD) & usual[LOAD].eq(USUAL) & usual[CREEP].notna()]
-    fastest = usual[CREEP].abs().groupby([usual["variant"], usual["step"]], sort=False).idxmax()
     yield view("hold-steps", f"Creep at {100 * USUAL:g} % of the limit along each refinement series, fastest on any "
-               "scene.", usual.loc[fastest], (
+               "scene.", _at_rest(usual.loc[[fastest(runs) for _, runs in usual.groupby(["variant", "step"],
+                                                                                       sort=False)]]), (
                    Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
                    Column(CREEP, "creep", "m/s", UNSURE), Column(OF_STEP, "of g dt", form=".2g"),
                    Column(OF_ZONE, "of the regularization", form=".2g"), Column("scene", "on")),
@@ -605,7 +648,7 @@ def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, 
                     Column(STOPPED, "stop", "m", STOP_UNSURE)), source="hold")
     if len(settings):
         yield view("hold-settings", "Creep with each setting, one changed at a time; the fastest of all scenes and "
-                   "loads, and engine time over the default's.", settings,
+                   "loads, and engine time over the default's.", _at_rest(settings),
                    (Column(SUBJECT, "engine"), Column(SETTING), Column(CREEP, "creep", "m/s", UNSURE),
                     Column(SLOWER, "of the default's", form=".2g"), Column(TIME, "time, of the default's", form=".2g"),
                     Column("failed")))
@@ -630,14 +673,14 @@ def _by_load(table: pd.DataFrame, methods: pd.DataFrame,
              loads: Sequence[float]) -> list[tuple[dict[str, Any], pd.DataFrame]]:
     found = []
     for method, runs in _at_equal_step(table, methods):
-        held = runs[runs[TEST].eq(HELD) & runs[CREEP].notna()]
+        held = with_columns(runs, CREEP, UNSURE, LETS_GO)
+        held = _at_rest(held[held[TEST].eq(HELD) & held[CREEP].notna()])
         row = {**method[["variant", "fidelity", "scene", HOLDS]],
                FRICTION_BY: next(iter(runs[FRICTION_BY].dropna()), "")}
         for load in loads:
             if len(there := held[held[LOAD] == load]):
-                worst = there.loc[there[CREEP].abs().idxmax()]
-                row |= {f"creep at {load:g}": abs(worst[CREEP]),
-                        f"uncertainty at {load:g}": worst[UNSURE] if worst[CREEP] else None}  # below rounding it is 0
+                worst = there.loc[fastest(there)]
+                row |= {f"creep at {load:g}": abs(worst[CREEP]), f"uncertainty at {load:g}": worst[UNSURE]}
         found.append((row, held))
     return found
 

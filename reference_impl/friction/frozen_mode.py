@@ -22,7 +22,7 @@ from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIM
                                                              minimum_norm, solve_in_place)
 from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients
 from stiction.reference_impl.multibody import baumgarte
-from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row, solve_bilateral
+from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row, solve_cell
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 from stiction.reference_impl.multibody.singular_positions import shortest_forces
@@ -109,7 +109,7 @@ def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) 
             rests = False
             for k in range(n):
                 rests = rests or m.order[first + k] >= m.rows and slip[m.order[first + k] - m.rows] == 0
-            if rests and baumgarte.is_used(m) and solve_bilateral(m, w, c, w.phi):
+            if rests and baumgarte.is_used(m) and solve_cell(m, w, c, w.phi, 0.0, slip, False):
                 for k in range(n):
                     if m.order[first + k] < m.rows:
                         baumgarte.leave_out(w, m.order[first + k])

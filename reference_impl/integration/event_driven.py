@@ -326,10 +326,14 @@ def _project(m, w, s, has_rows):
     position, velocity, speed = 0.0, 0.0, max(s.progress.speed, largest_speed(m, w.free) * s.attempt.length)
     for r in range(m.rows):
         position, velocity = max(position, abs(w.phi[r])), max(velocity, abs(w.phi_dot[r]))
+    holds = False
+    for f in range(len(m.friction)):
+        if s.slip[f] == 0:
+            holds, velocity = True, max(velocity, abs(w.slip_speed[f]))
     if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * speed:
         return False
     w.counters.projections += 1
-    project(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
+    project(m, w, t, y[:n], y[n:], s.slip, holds, 2)
     return True
 
 

@@ -183,7 +183,7 @@ def _come_to_rest(m: Arrays, w: Workspace, s: State) -> None:
     if m.baumgarte_beta2 > 0.0:
         # what is at rest cannot follow the acceleration by which Baumgarte's terms would take back a residual
         row_form(m, w, t, q, v)
-        project(m, w, t, q, v, 1e-15 * m.length_scale, 2)
+        project(m, w, t, q, v, s.slip, False, 2)
 
 
 @kernel(allocates=True)

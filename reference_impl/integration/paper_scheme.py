@@ -151,7 +151,7 @@ def march(m: Arrays, w: Workspace, beside: Workspace, s: State, task: Steps, sam
             rest -= h
             if task.projecting:
                 row_form(m, w, t, y[:n], y[n:])
-                project(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
+                project(m, w, t, y[:n], y[n:], slip, False, 2)
                 w.counters.projections += 1
             if first == NO_GUIDE:
                 break

@@ -45,8 +45,10 @@ def friction_row(m, w, A, f, n, reach, c_R, c_T):
 
 
 @kernel
-def solve_bilateral(m, w, c, residual):
-    """Forces of the constraint rows of a cell that change Phi'' by `residual`, without friction, into w.force.
+def solve_cell(m, w, c, residual, rate, slip, holds):
+    """Forces of a cell into w.force that change Phi'' by `residual`, without friction.
+
+    If it `holds`, those of guides at rest change their slip by `rate` times the slip velocity.
 
     Returns True where the system is regular.
     """
@@ -54,9 +56,12 @@ def solve_bilateral(m, w, c, residual):
     n = fill_cell(m, w, c, band, w.A)
     for k in range(n):
         r = m.order[first + k]
-        w.x[k] = residual[r] if r < m.rows else 0.0
-        if r >= m.rows:
-            friction_row(m, w, w.A, r - m.rows, n, band, 0.0, 0.0)
+        f = r - m.rows
+        w.x[k] = residual[r] if f < 0 else 0.0
+        if f >= 0 and holds and slip[f] == 0:
+            w.x[k] = rate * w.slip_speed[f]
+        elif f >= 0:
+            friction_row(m, w, w.A, f, n, band, 0.0, 0.0)
     regular = solve_in_place(w.A, w.x, w.unit, n, band, ELIMINATION)
     for k in range(n):
         w.force[m.order[first + k]] = w.x[k]

@@ -61,7 +61,7 @@ def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray
     speed = max(m.length_scale, *map(abs, v.tolist()))
     position_floor, velocity_floor = CONSISTENT * m.length_scale, CONSISTENT * speed
     if assemble and all(map(isfinite, w.phi.tolist())):
-        project(m, w, 0.0, q, v, 1e-15 * m.length_scale, 50)
+        project(m, w, 0.0, q, v, np.zeros(len(m.friction), dtype=np.int64), False, 50)
         row_form(m, w, 0.0, q, v)
     problems = []
     for name, position, velocity in zip(mechanism.row_names, w.phi.tolist(), w.phi_dot.tolist()):

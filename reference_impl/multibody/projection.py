@@ -1,63 +1,75 @@
 """States onto the constraints, in the metric of the mass matrix, compiled.
 
 The correction of least kinetic metric, dq = -M^-1 J^T (J M^-1 J^T)^-1 Phi, and the same for velocities with Phi'
-(e.g. Blajer, Comput. Methods Appl. Mech. Engrg. 200 (2011), Sect. 3). Near a singular position what cannot be corrected
-without magnifying rounding waits until it can: see `singular_positions`.
+(e.g. Blajer, Comput. Methods Appl. Mech. Engrg. 200 (2011), Sect. 3). A guide at rest is one more row: positions are
+corrected without moving it, and velocities so that it has none. Where more guides rest than there are freedoms, these
+rows are dependent and left out. Near a singular position what cannot be corrected without magnifying rounding waits
+until it can: see `singular_positions`.
 """
 
 from __future__ import annotations
 
-from stiction.reference_impl.compiled.bundle import Reals
+from stiction.reference_impl.compiled.bundle import Integers, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, RANK_TOLERANCE, minimum_norm, solve_in_place
-from stiction.reference_impl.multibody.banded_systems import solve_bilateral
+from stiction.reference_impl.multibody.banded_systems import solve_cell
 from stiction.reference_impl.multibody.dynamics import add_rows, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 from stiction.reference_impl.multibody.singular_positions import leave_nearly_dependent
 
+MET = 1e-15
+"""Residual of a constraint that is met, m or rad, in parts of the mechanism's size."""
+
 
 @kernel
-def _correct(m: Arrays, w: Workspace, residual: Reals, n: int, target: Reals) -> None:
-    """Subtract M^-1 J^T G^-1 residual of the first n rows from target.
+def _correct(m: Arrays, w: Workspace, residual: Reals, rate: float, slip: Integers, holds: bool,
+             target: Reals) -> None:
+    """Subtract M^-1 J^T G^-1 residual from target; the residual of a guide at rest is `rate` times its slip velocity.
 
     Nearly dependent rows lose their part of the residual.
     """
     regular = len(m.cell) > 0
     for c in range(len(m.cell)):
-        regular = regular and solve_bilateral(m, w, c, residual)
-    if regular:
-        for r in range(len(w.force)):
-            w.force[r] *= -1.0
-        add_rows(m, w, w.force, target)
-        return
-    if len(m.cell) > 0 or not _solve(w, residual, n, ELIMINATION):
+        regular = regular and (holds and solve_cell(m, w, c, residual, rate, slip, True)
+                               or solve_cell(m, w, c, residual, rate, slip, False))
+    if len(m.cell) == 0:
+        regular = (holds and _solve(m, w, residual, rate, slip, True, ELIMINATION)
+                   or _solve(m, w, residual, rate, slip, False, ELIMINATION))
+    if not regular:
         leave_nearly_dependent(m, w, residual)
-        if not _solve(w, residual, n, RANK_TOLERANCE):
-            for r in range(n):
-                w.x[r] = residual[r]
-            minimum_norm(w.G, w.x, n)
+        if not _solve(m, w, residual, rate, slip, False, RANK_TOLERANCE):
+            for r in range(m.rows):
+                w.force[r] = residual[r]
+            minimum_norm(w.G, w.force, m.rows)
     for r in range(len(w.force)):
-        w.force[r] = -w.x[r] if r < n else 0.0
+        w.force[r] *= -1.0
     add_rows(m, w, w.force, target)
 
 
 @kernel
-def _solve(w, residual, n, tolerance):
-    """The leading n x n part of G times w.x = residual.
+def _solve(m, w, residual, rate, slip, holds, tolerance):
+    """G force = residual, of the constraint rows and, if it `holds`, of the rows of guides at rest.
 
-    False, with w.x destroyed, where a pivot is below the tolerance.
+    False where a pivot is below the tolerance.
     """
-    for r in range(n):
-        w.x[r] = residual[r]
-        for c in range(n):
-            w.A[r, c] = w.G[r, c]
-    return solve_in_place(w.A, w.x, w.unit, n, n, tolerance)
+    size = len(w.force) if holds else m.rows
+    for r in range(len(w.force)):
+        w.force[r] = 0.0
+    for r in range(size):
+        f = r - m.rows
+        for c in range(size):
+            w.A[r, c] = w.G[r, c] if f < 0 or slip[f] == 0 or r == c else 0.0
+        w.force[r] = residual[r] if f < 0 else rate * w.slip_speed[f] if slip[f] == 0 else 0.0
+    return solve_in_place(w.A, w.force, w.unit, size, size, tolerance)
 
 
 @kernel
-def project(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, tolerance: float, limit: int) -> None:
-    """Newton's method on Phi(q, t) = 0, in place, down to a `tolerance` (m or rad); then velocities onto Phi' = 0.
+def project(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integers, holds: bool,
+            limit: int) -> None:
+    """Newton's method on Phi(q, t) = 0, in place, down to `MET`, `limit` steps at most; then velocities onto Phi' = 0.
+
+    holds : whether guides at rest, of slip 0, count.
 
     The rows of the workspace (`dynamics.row_form`) must be those of (t, q, v).
     """
@@ -65,8 +77,8 @@ def project(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, tolerance: fl
         worst = 0.0
         for r in range(m.rows):
             worst = max(worst, abs(w.phi[r]))
-        if not worst > tolerance:
+        if not worst > MET * m.length_scale:
             break
-        _correct(m, w, w.phi, m.rows, q)
+        _correct(m, w, w.phi, 0.0, slip, holds, q)
         row_form(m, w, t, q, v)
-    _correct(m, w, w.phi_dot, m.rows, v)
+    _correct(m, w, w.phi_dot, 1.0, slip, holds, v)

@@ -12,7 +12,7 @@ from made_up_runs import is_in
 from report_material import hard_table, record, unsaved_figures
 
 from stiction.comparisons.methods import methods
-from stiction.comparisons.presentation import COUNT, NAME
+from stiction.comparisons.presentation import COUNT, NAME, traced, value
 from stiction.comparisons.recommendation import mechanism_in_words
 from stiction.comparisons.results import Results
 from stiction.comparisons.uncertain import Uncertain
@@ -88,6 +88,16 @@ def test_it_comes_out_whatever_is_missing(full, missing):
     assert page_one(report, "", "Run.").startswith(f"# {TITLE}") and "nan" not in " ".join(answer_lines(report))
     empty = page_one(report_of(Results((), {}, {})), "", "Run.")
     assert empty.splitlines() == [f"# {TITLE}", "", "There were no runs. Run."]
+
+
+def test_what_stands_beside_an_answer_is_no_line_of_the_terminal(full):
+    report = report_of(full)
+    study = next(study for study in report.said if study.on_page_one)
+    beside = traced("It holds with {}.", value("accuracy", full.table("accuracy"), 0, "position error [m]"))
+    said = replace(report, said={**report.said, study: replace(report.said[study], beside=beside)})
+    page = " ".join(page_one(said, "", "Run.").split())
+    assert f"{said.said[study].answer.text} {beside.text}" in page and beside.numbers[0] in numbers(said)
+    assert list(answer_lines(said)) == list(answer_lines(report))
 
 
 def test_an_unsure_time_is_about_so_long(full):

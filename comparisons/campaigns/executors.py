@@ -76,11 +76,12 @@ def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | Non
     from distributed.scheduler import KilledWorker
 
     outcomes: dict[int, Outcome] = {}
+    one_by_one = partial(isolate, workers=1, timeout_s=timeout_s)
     batches = [range(first, min(first + BATCH, len(tasks))) for first in range(0, len(tasks), BATCH)]
     waiting = {}
     try:
         for batch in batches:
-            waiting[executor.submit(_isolate_share, [tasks[i] for i in batch], timeout_s)] = batch
+            waiting[executor.submit(one_by_one, [tasks[i] for i in batch])] = batch
         for future in as_completed(waiting):
             batch = waiting[future]
             try:
@@ -96,10 +97,6 @@ def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | Non
         for future in waiting:
             future.cancel()
     return [outcomes[i] for i in range(len(tasks))]
-
-
-def _isolate_share(tasks: Sequence[Task], timeout_s: float) -> list[Outcome]:
-    return isolate(tasks, workers=1, timeout_s=timeout_s)
 
 
 @contextmanager

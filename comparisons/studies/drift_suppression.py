@@ -71,7 +71,7 @@ def present(results: Results) -> Presentation:
     rows = {run: dict(zip(there["suppression"], map(int, there.index)))
             for run, there in measured.groupby(["parameter", "step"], sort=False)}
 
-    def drifts(run: tuple[str, float], choice: str) -> Number:
+    def drift_with(run: tuple[str, float], choice: str) -> Number:
         return drift_size("suppression", table, rows[run][choice], POSITION)
 
     def time_ratio(run: tuple[str, float], over: str, under: str) -> Number:
@@ -80,13 +80,13 @@ def present(results: Results) -> Presentation:
     answer, findings = TracedText(), list[TracedText]()
     for run in rows:
         way = "the reference" if run[0] == "rtol" else "the paper's scheme"
-        left = [traced("{} m with {}", drifts(run, choice), CHOICES[choice]) for choice in rows[run]]
+        left = [traced("{} m with {}", drift_with(run, choice), CHOICES[choice]) for choice in rows[run]]
         findings.append(traced("At {}, {} drifts by {}.", setting_of(*run), way, listed(left)))
     for run in measured.groupby("parameter", sort=False)["step"].min().items():
         if run[0] == "rtol" and {"baumgarte", "projection"} <= rows[run].keys():
             answer = traced("At {} Baumgarte's terms take {} times the engine time of projection and leave {} m of "
                             "drift, projection {} m.", setting_of(*run), time_ratio(run, "baumgarte", "projection"),
-                            drifts(run, "baumgarte"), drifts(run, "projection"))
+                            drift_with(run, "baumgarte"), drift_with(run, "projection"))
         if {"none", "projection"} <= rows[run].keys():
             findings.append(traced("At {} projection takes {} times the engine time without stabilization.",
                                    setting_of(*run), time_ratio(run, "projection", "none")))

@@ -207,11 +207,10 @@ def drift_run(long: LongRun) -> DriftRun:
         POSITION: float(np.max(drift)), "position drift by rounding at the end, at most [m]": float(rounding[-1]),
         VELOCITY: float(np.max(run["drift.velocity"]))}
     octaves: tuple[tuple[float, float], ...] = ()
-    first = SliderBar.from_scene(scene).period() / 2
     for length in LENGTHS if run.termination == "end" else ():
         if length <= t_end:
             within = run.t <= length + step / 2
-            law = growth(run.t[within], drift[within], first, rounding[within])
+            law = growth(run.t[within], drift[within], SliderBar.from_scene(scene).period() / 2, rounding[within])
             octaves = law.octaves
             row |= {f"growth, {length:g} s": law.verdict, f"exponent of growth, {length:g} s [-]": law.exponent,
                     f"interval of the exponent, {length:g} s [-]": law.uncertainty,
@@ -300,7 +299,7 @@ def _laws(study: pd.DataFrame, choice: Choice, words: str) -> TracedText:
     runs = study[study["choice"] == choice.label]
     lengths = [length for length in LENGTHS[1:] if f"growth, {length:g} s" in runs.dropna(axis="columns", how="all")]
     if not lengths:
-        return TracedText("")
+        return TracedText()
     length = max(lengths)
     runs = runs[runs["time [s]"] >= length]
     laws = runs[f"growth, {length:g} s"].fillna("")
@@ -335,7 +334,7 @@ def _price(study: pd.DataFrame) -> tuple[TracedText, TracedText]:
         scene, step = study.loc[row, ["scene", "step"]]
         return case_of(scene), _milliseconds(study, row), (plain[scene, step], row)
 
-    sizes = harmed = TracedText("")
+    sizes = harmed = TracedText()
     first = papers[papers["scene"] == study["scene"].iloc[0]]
     if len(first):
         case, step, rows = pair(first["step"].idxmax())

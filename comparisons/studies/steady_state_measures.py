@@ -366,7 +366,7 @@ def _instants(settle: float, t_end: float, period: float, longest: float) -> np.
 
 
 def _whole_periods(time: float, period: float, longest: float) -> tuple[int, int]:
-    """Number of periods in a time, and of samples in them that are `longest` seconds apart at most."""
+    """Number of whole periods in a time, and of the samples in them, at a distance of at most `longest` seconds."""
     periods = int(time / period * (1 + 1e-12))
     return periods, periods * max(FEWEST_SAMPLES, int(np.ceil(period / longest)))
 

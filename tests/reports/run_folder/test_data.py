@@ -1,11 +1,13 @@
 """What a run folder keeps of the runs: those that figures show, bit by bit, and the command for the others."""
 
 import shlex
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
+import tomli_w
 from report_material import CASE, record
 from typer.testing import CliRunner
 
@@ -48,9 +50,11 @@ def test_what_figures_show_is_stored_and_every_other_row_says_how_to_make_it(sma
 
 
 def test_an_engine_that_is_a_file_has_its_name_in_every_table(small, tmp_path):
+    (tmp_path / "file.toml").write_text(tomli_w.dumps({"name": "sled", "version": [sys.executable, "--version"],
+                                                       "command": [sys.executable, "{scene}", "{result}", "{dt}"]}))
     mine = replace(small.records[0], variant=replace(small.records[0].variant, engine=str(tmp_path / "file.toml")))
     tables = data_tables(replace(small, records=(mine,), timed=(), tables={}), ())
-    assert [list(tables[name]["engine"]) for name in ("runs", "variants")] == [["file"], ["file"]]
+    assert [list(tables[name]["engine"]) for name in ("runs", "variants")] == [["sled"], ["sled"]]
 
 
 def test_stored_runs_are_read_back_bit_by_bit(small, folder):

@@ -76,4 +76,4 @@ def present(results: Results) -> Presentation:
 
 
 STUDY = Study("claims", "The paper", "Does what the paper says hold?", 9, present, plan, stick_threshold.STUDY.requires,
-              seconds=1.5, compared=False)
+              seconds=5.5, compared=False)

@@ -25,8 +25,8 @@ def are_equal(first, second):
 
 @kernel(allocates=True)
 def taken(values, places):
-    """Elements of an array of integers at some places."""
-    found = np.empty(len(places), dtype=np.int64)
+    """Elements of an array of one dimension at some places."""
+    found = np.empty(len(places), values.dtype)
     for i in range(len(places)):
         found[i] = values[places[i]]
     return found

@@ -66,9 +66,8 @@ def rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals) 
     for c in range(len(m.cell)):
         own_m = at(m.separate[c], m)
         guides = guides_of(m, own_m)
-        own_held, count = np.zeros(len(guides), dtype=np.bool_), 0
+        own_held, count = taken(held, guides), 0
         for i in range(len(guides)):
-            own_held[i] = held[guides[i]]
             count += own_held[i]
         if count == 0:
             continue
@@ -111,49 +110,53 @@ def _rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals)
 
 
 @kernel(allocates=True)
-def leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness: Reals, slip: Integers,
+def leave_together(m: Arrays, w: Workspace, direction: Integers, firmness: Reals, slip: Integers,
                    stuck: Flags) -> None:
-    """Let a guide at rest slip in a direction, and with it those at rest without which it cannot move.
+    """Let guides at rest slip, and with each of them those at rest without which it cannot move.
 
     Where it could move with either of several others, those that are held less firmly leave.
 
     Parameters
     ----------
+    direction : ndarray of int, shape (frictional,)
+        1 or -1 for a guide that leaves; 0 for any other.
     firmness : ndarray, shape (frictional,)
         How far each guide at rest is from leaving, in any unit.
     slip, stuck : ndarray, shape (frictional,)
         The directions, and which guides are at rest: changed in place.
     """
-    slip[guide], stuck[guide] = direction, False
     if len(m.cell) < 2:
-        if not _are_independent(m, w):
-            _leave_together(m, w, guide, direction, firmness, slip, stuck)
+        _leave_together(m, w, w, direction, firmness, slip, stuck)
         return
     for c in range(len(m.cell)):
         own_m = at(m.separate[c], m)
         guides = guides_of(m, own_m)
-        own, own_slip, own_stuck, own_firmness = (
-            -1,
-            taken(slip, guides),
-            np.zeros(len(guides), dtype=np.bool_),
-            np.zeros(len(guides)),
-        )
-        for i in range(len(guides)):
-            own = i if guides[i] == guide else own
-            own_stuck[i], own_firmness[i] = stuck[guides[i]], firmness[guides[i]]
-        if own < 0:
-            continue
+        own_direction, own_slip, own_stuck = taken(direction, guides), taken(slip, guides), taken(stuck, guides)
         fill_cell_of(m, w, c)
-        if not _are_independent(own_m, at(w.separate[c], w)):
-            _leave_together(own_m, w, own, direction, own_firmness, own_slip, own_stuck)
-            for i in range(len(guides)):
-                slip[guides[i]], stuck[guides[i]] = own_slip[i], own_stuck[i]
+        _leave_together(own_m, w, at(w.separate[c], w), own_direction, taken(firmness, guides), own_slip, own_stuck)
+        for i in range(len(guides)):
+            slip[guides[i]], stuck[guides[i]] = own_slip[i], own_stuck[i]
 
 
 @kernel(allocates=True)
-def _leave_together(m: Arrays, w: Workspace, guide: int, direction: int, firmness: Reals, slip: Integers,
+def _leave_together(m: Arrays, w: Workspace, own: Workspace, direction: Integers, firmness: Reals, slip: Integers,
                     stuck: Flags) -> None:
-    """Variant of `leave_together` for one cell, with the workspace of the whole or its own."""
+    """Variant of `leave_together` for one cell, with the workspace of the whole and its own."""
+    looked, independent = False, False
+    for f in range(len(stuck)):
+        if not stuck[f] or direction[f] == 0:
+            continue
+        if not looked:
+            looked, independent = True, _are_independent(m, own)
+        slip[f], stuck[f] = direction[f], False
+        if not independent:
+            _take_along(m, w, f, direction[f], firmness, slip, stuck)
+
+
+@kernel(allocates=True)
+def _take_along(m: Arrays, w: Workspace, guide: int, direction: int, firmness: Reals, slip: Integers,
+                stuck: Flags) -> None:
+    """Let those guides at rest slip without which a guide of their cell cannot."""
     row, _ = _unit_rows(m, w)
     rate, basis, count, t = np.zeros(len(row)), np.zeros(len(row), dtype=np.int64), 0, m.rows + guide
     for f in range(len(m.friction)):

@@ -66,12 +66,10 @@ def _settle_cells(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
         guides = guides_of(m, own_m)
         if not len(guides):
             continue
-        own_slip, own_stuck = taken(slip, guides), np.zeros(len(guides), dtype=np.bool_)
-        own_corner = np.zeros((len(guides), corner.shape[1]), dtype=np.int64)
+        own_slip, own_corner = taken(slip, guides), np.zeros((len(guides), corner.shape[1]), dtype=np.int64)
         for i in range(len(guides)):
-            own_stuck[i] = stuck[guides[i]]
             copy(corner[guides[i]], own_corner[i])
-        outcome = _settle(own_m, own_w, own_slip, own_stuck, own_corner)
+        outcome = _settle(own_m, own_w, own_slip, taken(stuck, guides), own_corner)
         for i in range(len(guides)):
             slip[guides[i]] = own_slip[i]
             copy(own_corner[i], corner[guides[i]])
@@ -86,24 +84,23 @@ def _settle_cells(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
 def _settle(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable) -> int:
     """Modes of the guides of one cell, in place."""
     nf = len(m.friction)
-    accelerate, firmness = np.zeros(nf), np.zeros(nf)
+    accelerate, firmness, direction = np.zeros(nf), np.zeros(nf), np.zeros(nf, dtype=np.int64)
     for _ in range(nf + 1):
         outcome, rest = solve_contact(m, w, slip, stuck, corner, accelerate)
         if outcome != SOLVED:
             return outcome
         if has_several(m, w, slip):
             return SEVERAL
-        left = False
+        leaving = False
         for f in range(nf):
+            firmness[f], direction[f] = -abs(accelerate[f]), 0
             if stuck[f] and abs(accelerate[f]) > rest:
                 if can_jam(m, f):
                     return JAM
-                for other in range(nf):
-                    firmness[other] = -abs(accelerate[other])
-                leave_together(m, w, f, 1 if accelerate[f] > 0.0 else -1, firmness, slip, stuck)
-                left = True
-        if not left:
+                leaving, direction[f] = True, 1 if accelerate[f] > 0.0 else -1
+        if not leaving:
             return SOLVED
+        leave_together(m, w, direction, firmness, slip, stuck)
     return SOLVED
 
 
@@ -140,10 +137,7 @@ def other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int:
     for c in range(len(m.cell)):
         own_m, own_w = at(m.separate[c], m), at(w.separate[c], w)
         guides = guides_of(m, own_m)
-        own_resting = np.zeros(len(guides), dtype=np.bool_)
-        for i in range(len(guides)):
-            own_resting[i] = resting[guides[i]]
-        found += _other_modes(own_m, own_w, own_resting, taken(slip, guides))
+        found += _other_modes(own_m, own_w, taken(resting, guides), taken(slip, guides))
     return found
 
 
@@ -157,12 +151,8 @@ def _other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int
             two = two or m.friction[f].mus > m.friction[f].mu
     if not (leaving and two and 2 <= count <= MOST_AT_REST):
         return 0
-    other, stuck, corner, accelerate = (
-        slip.copy(),
-        np.zeros(nf, dtype=np.bool_),
-        np.ones((nf, 2), dtype=np.int64),
-        np.zeros(nf),
-    )
+    other, stuck, accelerate = slip.copy(), np.zeros(nf, dtype=np.bool_), np.zeros(nf)
+    corner = np.ones((nf, 2), dtype=np.int64)
     for mode in range(modes):
         rest_of_mode, moves, is_chosen = mode, False, True
         for f in range(nf):

@@ -516,11 +516,13 @@ def _log_changes(m, w, s, log, others):
 @kernel(allocates=True)
 def _break_away(m: Arrays, w: Workspace, s: State, guide: int, direction: int) -> None:
     """Let a guide at rest slip, and those at rest without which it cannot: for this instant none of them is at rest."""
-    firmness, stuck = np.zeros(len(m.friction)), np.zeros(len(m.friction), dtype=np.bool_)
-    for f in range(len(m.friction)):
+    nf = len(m.friction)
+    leaving, firmness, stuck = np.zeros(nf, dtype=np.int64), np.zeros(nf), np.zeros(nf, dtype=np.bool_)
+    leaving[guide] = direction
+    for f in range(nf):
         firmness[f], stuck[f] = min(w.event[3 * f], w.event[3 * f + 1]), s.slip[f] == 0
-    leave_together(m, w, guide, direction, firmness, s.slip, stuck)
-    for f in range(len(m.friction)):
+    leave_together(m, w, leaving, firmness, s.slip, stuck)
+    for f in range(nf):
         if s.old_slip[f] == 0 and not stuck[f]:
             s.rest_speed[f] = -1.0
 

@@ -12,6 +12,7 @@ paper           here                 what                                       
 q, q'           q, v                 x, y, angle of each body, and rates                     m, rad  mechanism.py
 M, QE           M, QE                masses; applied forces, (21)                            kg, N   dynamics.py
 Phi, J, gamma   phi, J, gamma        constraints [CR; CT; D], (20); Phi'' = J q'' + gamma    m, rad  kinematics.py
+alpha, beta     alpha, beta          Baumgarte's stabilization, (25)                         1/s     baumgarte.py
 lCR, lCT, lD    lambda_C             reactions of joints, guides, drives, (22), (26)         N, N m  dynamics.py
 F+, F-          F_plus, F_minus      corner forces, at -a/2 and +a/2, >= 0, (1)-(2)          N       hlcp.py
 H, G            H, G                 which corners load which surface, FN = H F+ + G F-      1       hlcp.py

@@ -21,6 +21,7 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIMINATION, RANK_TOLERANCE, eliminate,
                                                              minimum_norm, solve_in_place)
 from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients
+from stiction.reference_impl.multibody import baumgarte
 from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row, solve_bilateral
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
@@ -59,9 +60,9 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
         _solve_without_friction(m, w)
         return False
     if not regular:
-        if _asks_for_motion(m) and n > nr and _are_independent(w, nr):
+        if baumgarte.is_used(m) and n > nr and _are_independent(w, nr):
             for r in range(nr):
-                _leave_out_stabilization(w, r)
+                baumgarte.leave_out(w, r)
         _fill(m, w, slip, corner)
         if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
             for i in range(n):
@@ -78,23 +79,6 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
             r = m.friction[f].row
             w.force[nr + f] = c_R * w.x[r] + c_T * w.x[r + 1]
     return regular
-
-
-@kernel
-def _leave_out_stabilization(w, r):
-    """Take Baumgarte's terms out of a row where more guides hold a mechanism than it has freedoms.
-
-    Of redundant rows they ask for accelerations that contradict each other, and what is held has no drift to be taken
-    back.
-    """
-    w.right[r] += w.stabilizing[r]
-    w.stabilizing[r] = 0.0
-
-
-@kernel
-def _asks_for_motion(m):
-    """Return True where Baumgarte's terms are in the equations."""
-    return m.baumgarte_2alpha > 0.0 or m.baumgarte_beta2 > 0.0
 
 
 @kernel
@@ -125,10 +109,10 @@ def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) 
             rests = False
             for k in range(n):
                 rests = rests or m.order[first + k] >= m.rows and slip[m.order[first + k] - m.rows] == 0
-            if rests and _asks_for_motion(m) and solve_bilateral(m, w, c, w.phi):
+            if rests and baumgarte.is_used(m) and solve_bilateral(m, w, c, w.phi):
                 for k in range(n):
                     if m.order[first + k] < m.rows:
-                        _leave_out_stabilization(w, m.order[first + k])
+                        baumgarte.leave_out(w, m.order[first + k])
             _fill_cell(m, w, c, slip, slip, corner, n)
             if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
                 for k in range(n):

@@ -19,6 +19,7 @@ from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Real
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate
 from stiction.reference_impl.friction.coulomb import friction_coefficients
+from stiction.reference_impl.multibody import baumgarte
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
@@ -42,7 +43,7 @@ def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
     for i in range(n):
         A[i, i], x[i] = 1.0 / m.inverse_mass[i], w.free[i] / m.inverse_mass[i]
     for r in range(nr):
-        x[n + r] = -w.gamma[r] - m.baumgarte_2alpha * w.phi_dot[r] - m.baumgarte_beta2 * w.phi[r]
+        x[n + r] = baumgarte.required(m, w, r)
     for f in range(nf):
         if slip[f] == 0:
             x[column[f]] = -w.gamma[nr + f]

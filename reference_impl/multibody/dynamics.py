@@ -13,6 +13,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Reals
 from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.multibody import baumgarte
 from stiction.reference_impl.multibody.kinematics import Workspace, constraints_at, direction_at, law_at, point_at
 from stiction.reference_impl.multibody.mechanism import ANGLE, AXIS, Arrays
 
@@ -87,8 +88,7 @@ def row_form(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals) -> None:
     for i in range(len(w.free)):
         w.free[i] *= m.inverse_mass[i]
     for r in range(m.rows):
-        w.stabilizing[r] = m.baumgarte_2alpha * w.phi_dot[r] + m.baumgarte_beta2 * w.phi[r]
-        w.right[r] = -w.gamma[r] - m.baumgarte_2alpha * w.phi_dot[r] - m.baumgarte_beta2 * w.phi[r]
+        w.stabilizing[r], w.right[r] = baumgarte.terms(m, w, r), baumgarte.required(m, w, r)
     for r in range(m.rows, len(w.right)):
         w.right[r] = -w.gamma[r]
     J, JM, G = w.J, w.JM, w.G

@@ -20,6 +20,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
 from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, IntegerTable, Reals, Table
+from stiction.reference_impl.multibody.baumgarte import PAPERS, coefficients
 from stiction.scenes import Problem, Scene, SceneError
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine, law_kinks, spline_slopes
@@ -131,7 +132,7 @@ class Mechanism:
     scene : Scene
     stabilization : {"scene", "none", "baumgarte", "projection"}
         What to do against drift; "scene" is what the scene declares, "baumgarte" its own alpha and beta or,
-        where it declares none, the paper's 90 and 10.
+        where it declares none, `baumgarte.PAPERS`.
 
     Attributes
     ----------
@@ -163,9 +164,8 @@ class Mechanism:
         if len(self.row_names) > MOST_ROWS:
             raise SceneError(scene._origin, [Problem("joints, drives", f"{len(self.row_names)} constraint equations",
                                                      f"expected at most {MOST_ROWS} in one part of a scene")])
-        baumgarte = {"baumgarte_2alpha": 2.0 * alpha, "baumgarte_beta2": beta ** 2}
-        whole = Arrays(separate=(), **baumgarte, **self._masses(), **self._constraints(), **self._springs(),
-                       **self._loads())
+        whole = Arrays(separate=(), **coefficients(alpha, beta), **self._masses(), **self._constraints(),
+                       **self._springs(), **self._loads())
         separate = _separate(whole)
         self.arrays = whole.replaced(separate=separate) if separate else whole
 
@@ -396,7 +396,7 @@ def _stabilization(scene: Scene, choice: str) -> tuple[float, float, bool]:
     if method == "baumgarte":
         if isinstance(declared, Baumgarte):
             return declared.alpha, declared.beta, False
-        return 90.0, 10.0, False
+        return *PAPERS, False
     return 0.0, 0.0, method == "projection"
 
 

@@ -60,9 +60,10 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
             event_driven._is_held, event_location.go_to_event, contact_solvers.solve_contact, uniqueness._gain_of_cell,
             uniqueness.friction_gain, event_driven._come_to_rest, guides_at_rest.rest_together,
             guides_at_rest._rest_together, guides_at_rest._unit_rows, guides_at_rest._are_independent,
-            event_driven._break_away, guides_at_rest.leave_together, guides_at_rest._leave_together, guides_at_rest._take_along,
-            event_driven._count_other_modes, mode_choice.other_modes, mode_choice._other_modes,
-            linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale, hlcp._multiply, hlcp._violation,
+            event_driven._break_away, guides_at_rest.leave_together, guides_at_rest._leave_together,
+            guides_at_rest._take_along, event_driven._count_other_modes, mode_choice.other_modes,
+            mode_choice._other_modes, linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale,
+            hlcp._multiply, hlcp._violation,
             *rest, mode_choice.choose_mode, trajectory_columns.imbalance)
 
 

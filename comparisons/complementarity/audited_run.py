@@ -14,7 +14,8 @@ import numpy as np
 
 from stiction.comparisons.complementarity.problems import Problem, problems_met, write_problems
 from stiction.engines import load_engine
-from stiction.reference_impl.integration.event_driven import GOLDEN, simulate_event_driven
+from stiction.reference_impl.integration.event_driven import simulate_event_driven
+from stiction.reference_impl.integration.step_audit import GOLDEN
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.subsystems import independent_parts

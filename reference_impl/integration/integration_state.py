@@ -10,6 +10,7 @@ from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.integration.dop853 import BY_TIME, combine
 from stiction.reference_impl.integration.dop853_coefficients import EXTRA, STAGES, A, C
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
+from stiction.reference_impl.multibody.dynamics import largest_force
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
@@ -18,6 +19,39 @@ NODES = 8
 NOISE = 1e-13
 """Event functions above minus this, relative to the largest speed or force so far, count as not negative: an event
 function starts at zero after its own event and must not fire on rounding. It does not enter the location of events."""
+AT_ONCE = 100.0
+"""Times its rounding up to which an event function is zero at the start of a step, where it may fall below zero at
+once."""
+
+
+class Task(Bundle):
+    """Request to an integration.
+
+    Attributes
+    ----------
+    t_end, rtol : float
+    first_step : float
+        Seconds that the first step tries.
+    longest : float
+        Seconds that a step may have; see `event_driven.LONGEST_STEP`.
+    audits : int
+        Instants of each step at which its law is verified.
+    projecting : int
+        1: states are projected onto the constraints after each step.
+    step_limit : int
+        Accepted steps after which it is given up.
+    kinks : (n,)
+        Times at which a law is not smooth, increasing.
+    """
+
+    t_end: float
+    rtol: float
+    first_step: float
+    longest: float
+    audits: int
+    projecting: int
+    step_limit: int
+    kinks: Reals
 
 
 class Progress(Record):
@@ -91,7 +125,6 @@ class Attempt(Record):
     """The motion is lost in it"""
 
 
-
 class State(Bundle):
     """An integration: its state, and room for a step.
 
@@ -155,6 +188,21 @@ def noise(s, e):
     """Rounding of event function e, m/s or N."""
     is_speed = e % 3 == 0 and s.slip[e // 3] != 0
     return NOISE * (s.progress.speed if is_speed else s.progress.force)
+
+
+@kernel
+def remember(m, w, s):
+    """Keep the largest speed and force so far, by which rounding is judged.
+
+    Forces in the unit of a guide's normal row.
+    """
+    n, y, p = len(m.inverse_mass), s.y, s.progress
+    for i in range(n // 3):
+        p.speed = max(p.speed, abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
+    largest = largest_force(m, w, w.force) if len(m.friction) else 0.0
+    for f in range(len(m.friction)):
+        normal = m.friction[f].row
+        p.force = max(p.force, largest / np.sqrt(w.G[normal, normal]))
 
 
 @kernel

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -15,10 +16,16 @@ from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, DONE, 
 from stiction.reference_impl.friction.trial_and_error import trial_and_error
 from stiction.reference_impl.friction.uniqueness import COUNTED, gain_of_mode, number_of_solutions
 from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost, Event
+from stiction.scenes.trajectory import rows_of
 
 SLIP, STICK, REVERSAL, CORNER = range(4)
 EVENT_KINDS = ("slip", "stick", "reversal", "corner")
+SAME_INSTANT = 1e-12
+"""Part of the time so far, or of the first step if that is later, within which changes are one event: those of both
+corners of a slider. A guide that began to slip within it is not taken to be at rest again at the break-away of
+another."""
 
 
 class Samples(Bundle):
@@ -91,3 +98,38 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     if code == SEVERAL:
         found = number_of_solutions(mechanism, w, slip, COUNTED)
     return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide >= 0 else "", found)
+
+
+def columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray],
+                       log: Sequence[np.ndarray], names: Collection[str] | None, sides: bool,
+                       first_step: float) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
+    """Return columns of the samples, and the events, with the same on both of their `sides` if these are wanted.
+
+    Parameters
+    ----------
+    samples, log : sequence of ndarray
+        Those of `Samples` and `EventLog`.
+    names : Collection of str or None
+        The columns that are wanted; all where None.
+    first_step : float
+        The least time (s) that SAME_INSTANT is taken of.
+    """
+    def build(t: np.ndarray, motion: np.ndarray, force: np.ndarray, slip: np.ndarray) -> dict[str, np.ndarray]:
+        return build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)
+
+    (instants, kinds, guides, others, *sided), columns = log, build(*samples)
+    rows: list[dict[str, float]] = [{} for _ in range(2 * len(instants))]
+    if sides and columns and len(instants):
+        rows = rows_of(build(np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided)))
+    events: list[Event] = []
+    logged = zip(instants.tolist(), kinds.tolist(), guides.tolist(), others.tolist(), rows[::2], rows[1::2])
+    for instant, kind, guide, more, before, after in logged:
+        found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after, more)
+        last = events[-1] if events else None
+        if last and last.kind == found.kind == "corner" and last.joint == found.joint \
+                and found.time - last.time <= SAME_INSTANT * max(first_step, found.time):
+            # both corners change their surface where the resultant passes zero without a moment
+            found = replace(found, before=last.before)
+            events.pop()
+        events.append(found)
+    return columns, tuple(events)

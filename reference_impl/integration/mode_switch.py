@@ -1,0 +1,332 @@
+"""The contact mode at the start of an integration and behind its events, compiled.
+
+At an event one guide breaks away, comes to rest, reverses, or changes a surface; others may follow in the same instant.
+The contact solver chooses the mode (`mode_choice`). Where the forces of the instant itself do not tell, those just
+behind it do.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.loops import copy
+from stiction.reference_impl.friction.coulomb import can_jam
+from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, most_capacity
+from stiction.reference_impl.friction.guides_at_rest import leave_together, rest_together
+from stiction.reference_impl.friction.mode_choice import choose_mode, other_modes
+from stiction.reference_impl.friction.outcomes import CHATTER, DONE, JAM, ROOM, SOLVED
+from stiction.reference_impl.friction.uniqueness import gain_of_mode
+from stiction.reference_impl.integration.integration_state import AT_ONCE, State, noise, remember
+from stiction.reference_impl.integration.result import CORNER, REVERSAL, SAME_INSTANT, SLIP, STICK, EventLog
+from stiction.reference_impl.integration.right_hand_side import right_hand_side
+from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.kinematics import Workspace
+from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.projection import project
+from stiction.reference_impl.multibody.trajectory_columns import write_sample
+
+COINCIDENCE = 1e-11
+"""Slip speed, relative to the largest speed so far, at which a second guide comes to rest in the same event. Far above
+the rounding of a located event (1e-15), far below speeds that matter."""
+UNLOADED = 1e-9
+"""Capacity of a guide, relative to the largest force so far, that counts as zero. Where normal force and friction pass
+zero together, as where all loads on a slider pass zero in one ratio, the instant itself does not tell whether the guide
+holds, nor by which corners. Nor does it where a guide reverses whose slip speed, relative to the largest so far, is
+zero with them, as on a turning arm without weight."""
+AT_REST = 1e-6
+"""Largest speed so far, relative to that which free bodies would reach in a step, up to which all is taken to have been
+at rest."""
+BEHIND = 1e-3
+"""Part of a step behind such an instant at which the forces tell: far above what an event is located to, far below what
+loads change in."""
+
+
+@kernel
+def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: float) -> int:
+    """Choose the contact mode behind the event at the state, and log what has changed.
+
+    DONE, or why the run ends or is left.
+    """
+    p, event = s.progress, s.attempt.event
+    guide = event // 3
+    p.idle += 1
+    if p.idle > 10 + 6 * len(m.friction):
+        return CHATTER
+    right_hand_side(m, w, p.time, s.y, s.slip, s.corner, s.dy)
+    remember(m, w, s)
+    switches, function, behind = _examine_event(m, w, s, event)
+    if not switches:
+        p.fresh = 0
+        return DONE
+    first = p.logged
+    write_sample(w, s.y, s.dy, s.slip, log.motion[first, 0], log.force[first, 0], log.slip[first, 0])
+    copy(s.slip, s.old_slip)
+    for f in range(len(m.friction)):
+        copy(s.corner[f], s.old_corner[f])
+    others = 0
+    if s.slip[guide] != 0 and function > 0 and p.idle < 3 + len(m.friction):
+        _change_surfaces(m, w, s, event)
+    else:
+        outcome = _change_slip(m, w, s, first_step, guide, function, behind)
+        if outcome != SOLVED:
+            return outcome
+        others = _count_other_modes(m, w, s)
+        for f in range(len(m.friction)):
+            if s.old_slip[f] == 0 and s.slip[f] != 0:
+                s.began[f] = p.time
+        if s.began[guide] == p.time and not behind:
+            copy(s.y, s.probe)
+            _foresee_speeds(m, w, s)
+    begin_mode(m, w, s)
+    p.gain, _ = gain_of_mode(m, w, s.slip)
+    copy(w.event, s.at_start)
+    p.fresh = 0
+    remember(m, w, s)
+    _log_changes(m, w, s, log, others)
+    return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE
+
+
+@kernel
+def _examine_event(m, w, s, event):
+    """Look at the event at the state.
+
+    The mode switches or goes on there, the guide's event function, and decided behind it or not.
+
+    It is decided just behind where the guide is unloaded. A guide at rest goes on if it holds there, or on another
+    branch of its capacity.
+    """
+    guide, function, p, slip = event // 3, event % 3, s.progress, s.slip
+    unloaded = most_capacity(m, w, guide) <= UNLOADED * p.force
+    if slip[guide] == 0 and unloaded:
+        function = _way_out(m, w, s, guide)
+        if function < 0:
+            begin_mode(m, w, s)
+            copy(w.event, s.at_start)
+            return False, function, True
+        right_hand_side(m, w, p.time, s.y, slip, s.corner, s.dy)
+        return True, function, True
+    if slip[guide] == 0 and choose_branches(m, w, slip, s.corner, UNLOADED * p.force):
+        right_hand_side(m, w, p.time, s.y, slip, s.corner, s.dy)
+        if w.event[event] > AT_ONCE * noise(s, event):
+            copy(s.dy, s.K[0])
+            copy(w.event, s.at_start)
+            return False, function, False
+    if slip[guide] != 0 and abs(w.slip_speed[guide]) <= UNLOADED * p.speed and unloaded:
+        copy(s.dy, s.K[0])
+        _look_behind(m, w, s)
+        right_hand_side(m, w, p.time, s.y, slip, s.corner, s.dy)
+        return True, 0, True
+    return True, function, False
+
+
+@kernel
+def _way_out(m, w, s, guide):
+    """Event function by which a guide at rest that is unloaded breaks away.
+
+    The lower just behind, -1 if it holds there.
+    """
+    right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+    _look_behind(m, w, s)
+    e = 3 * guide
+    function = 0 if w.event[e] < w.event[e + 1] else 1
+    return function if w.event[e + function] < -AT_ONCE * noise(s, e) else -1
+
+
+@kernel
+def _change_slip(m, w, s, first_step, guide, function, behind):
+    """Choose the mode after a break-away, a rest, or a corner that changed too often; return the outcome."""
+    t, y, slip, n = s.progress.time, s.y, s.slip, len(m.inverse_mass)
+    for f in range(len(m.friction)):
+        # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
+        s.rest_speed[f] = np.inf if slip[f] == 0 else COINCIDENCE * s.progress.speed
+        if slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(first_step, t):
+            s.rest_speed[f] = -1.0
+    if slip[guide] == 0:
+        if can_jam(m, guide):
+            return JAM
+        _break_away(m, w, s, guide, 1 if function == 0 else -1)
+    elif function == 0:
+        s.rest_speed[guide] = np.inf
+        _come_to_rest(m, w, s)
+    if behind:
+        return _choose_behind(m, w, s)
+    return choose_mode(m, w, t, y[:n], y[n:], slip, s.corner, s.rest_speed)
+
+
+@kernel(allocates=True)
+def _break_away(m: Arrays, w: Workspace, s: State, guide: int, direction: int) -> None:
+    """Let a guide at rest slip, and those at rest without which it cannot: for this instant none of them is at rest."""
+    nf = len(m.friction)
+    leaving, firmness, stuck = np.zeros(nf, dtype=np.int64), np.zeros(nf), np.zeros(nf, dtype=np.bool_)
+    leaving[guide] = direction
+    for f in range(nf):
+        firmness[f], stuck[f] = min(w.event[3 * f], w.event[3 * f + 1]), s.slip[f] == 0
+    leave_together(m, w, leaving, firmness, s.slip, stuck)
+    for f in range(nf):
+        if s.old_slip[f] == 0 and not stuck[f]:
+            s.rest_speed[f] = -1.0
+
+
+@kernel(allocates=True)
+def _come_to_rest(m: Arrays, w: Workspace, s: State) -> None:
+    """Bring to rest, with the guides at rest, those that cannot but rest with them (`guides_at_rest`)."""
+    held, t, n = np.zeros(len(m.friction), dtype=np.bool_), s.progress.time, len(m.inverse_mass)
+    q, v = s.y[:n], s.y[n:]
+    for f in range(len(m.friction)):
+        held[f] = 0.0 <= abs(w.slip_speed[f]) <= s.rest_speed[f]
+    if not rest_together(m, w, held, s.progress.speed, v):
+        return
+    for f in range(len(m.friction)):
+        if held[f]:
+            s.rest_speed[f] = np.inf
+    if m.baumgarte_beta2 > 0.0:
+        # what is at rest cannot follow the acceleration by which Baumgarte's terms would take back a residual
+        row_form(m, w, t, q, v)
+        project(m, w, t, q, v, 1e-15 * m.length_scale, 2)
+
+
+@kernel(allocates=True)
+def _count_other_modes(m: Arrays, w: Workspace, s: State) -> int:
+    """Modes other than the chosen one that would have been consistent behind the event at the state (`other_modes`)."""
+    resting = np.zeros(len(m.friction), dtype=np.bool_)
+    for f in range(len(m.friction)):
+        resting[f] = s.old_slip[f] == 0 or abs(w.slip_speed[f]) <= s.rest_speed[f]
+    return other_modes(m, w, resting, s.slip)
+
+
+@kernel
+def _change_surfaces(m, w, s, event):
+    """Change the sign of the corner whose event it is, and of all that fell to zero with it."""
+    for f in range(len(m.friction)):
+        if s.slip[f] == 0:
+            continue
+        for j in range(2):
+            e = 3 * f + 1 + j
+            zero = AT_ONCE * noise(s, e)
+            if e == event or abs(w.event[e]) <= zero < s.at_start[e]:
+                s.corner[f, j] *= -1
+
+
+@kernel
+def _log_changes(m, w, s, log, others):
+    """Log an event for each guide whose mode has changed; the values before it stand in the row of the first."""
+    p, first = s.progress, s.progress.logged
+    for f in range(len(m.friction)):
+        kind = _kind_of_change(s, f)
+        if kind < 0:
+            continue
+        i = p.logged
+        log.t[i], log.kind[i], log.guide[i], log.others[i] = p.time, kind, f, others
+        if i > first:
+            for k in range(3):
+                copy(log.motion[first, 0, k], log.motion[i, 0, k])
+            copy(log.force[first, 0], log.force[i, 0])
+            copy(log.slip[first, 0], log.slip[i, 0])
+        write_sample(w, s.y, s.K[0], s.slip, log.motion[i, 1], log.force[i, 1], log.slip[i, 1])
+        p.logged += 1
+        w.counters.events += 1
+
+
+@kernel
+def _kind_of_change(s, f):
+    """Kind of the event of a guide, by its modes before and after; -1 if nothing has changed."""
+    if s.slip[f] != s.old_slip[f]:
+        return SLIP if s.old_slip[f] == 0 else STICK if s.slip[f] == 0 else REVERSAL
+    if s.slip[f] != 0 and (s.corner[f, 0] != s.old_corner[f, 0] or s.corner[f, 1] != s.old_corner[f, 1]):
+        return CORNER
+    return -1
+
+
+@kernel
+def begin_mode(m: Arrays, w: Workspace, s: State) -> None:
+    """y' into K[0] and the event functions into w.event at the start of a mode, on the largest branches of capacity.
+
+    Of a guide at rest that is unloaded they are those that are the largest just behind.
+    """
+    right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+    remember(m, w, s)
+    least, changed = UNLOADED * s.progress.force, False
+    for f in range(len(m.friction)):
+        changed = changed or s.slip[f] == 0 and most_capacity(m, w, f) <= least
+    if changed:
+        _look_behind(m, w, s)
+        right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+    if choose_branches(m, w, s.slip, s.corner, least) or changed:
+        right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
+
+
+@kernel
+def begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
+    """Choose the first mode and begin it, of a state whose largest speed is not known yet; returns the outcome.
+
+    Just behind the start it is told how large forces are, and where a guide is unloaded also what moves. Then the
+    largest `load` (N) tells what rounding is: that of a sine law near zero is one of its amplitude.
+    """
+    n = len(m.inverse_mass)
+    for i in range(n):
+        s.progress.speed = max(s.progress.speed, abs(s.y[n + i]) * (m.length_scale if i % 3 == 2 else 1.0))
+    rest_speed = COINCIDENCE * s.progress.speed
+    for f in range(len(m.friction)):
+        s.rest_speed[f] = rest_speed
+    row_form(m, w, 0.0, s.y[:n], s.y[n:])
+    _come_to_rest(m, w, s)
+    outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed)
+    right_hand_side(m, w, 0.0, s.y, s.slip, s.corner, s.K[0])
+    _look_behind(m, w, s)
+    remember(m, w, s)
+    right_hand_side(m, w, 0.0, s.y, s.slip, s.corner, s.K[0])
+    unloaded = False
+    for f in range(len(m.friction)):
+        if abs(w.slip_speed[f]) <= s.rest_speed[f]:
+            s.rest_speed[f] = np.inf
+            unloaded = unloaded or most_capacity(m, w, f) <= UNLOADED * s.progress.force
+    if unloaded:
+        s.progress.force = max(s.progress.force, load)
+        outcome = _choose_behind(m, w, s)
+    begin_mode(m, w, s)
+    for f in range(len(m.friction)):
+        if s.slip[f] != 0:
+            s.began[f] = 0.0
+    s.progress.gain, _ = gain_of_mode(m, w, s.slip)
+    return outcome
+
+
+@kernel
+def _look_behind(m, w, s):
+    """Row forces and event functions BEHIND a step after the state, with the branches that are the largest there.
+
+    The state's y' is in K[0].
+    """
+    h = BEHIND * s.attempt.h
+    for k in range(len(s.y)):
+        s.probe[k] = s.y[k] + h * s.K[0, k]
+    right_hand_side(m, w, s.progress.time + h, s.probe, s.slip, s.corner, s.dy)
+    if choose_branches(m, w, s.slip, s.corner, ALL):
+        right_hand_side(m, w, s.progress.time + h, s.probe, s.slip, s.corner, s.dy)
+
+
+@kernel
+def _choose_behind(m, w, s):
+    """The mode of the state in `probe`, as `choose_mode`."""
+    n = len(m.inverse_mass)
+    time = s.progress.time + BEHIND * s.attempt.h
+    outcome = choose_mode(m, w, time, s.probe[:n], s.probe[n:], s.slip, s.corner, s.rest_speed)
+    _foresee_speeds(m, w, s)
+    return outcome
+
+
+@kernel
+def _foresee_speeds(m, w, s):
+    """Take the scale of speeds from the state in `probe` where all has been at rest.
+
+    Otherwise the scale would be rounding.
+    """
+    n, p, h, free = len(m.inverse_mass), s.progress, BEHIND * s.attempt.h, 0.0
+    for i in range(n):
+        free = max(free, abs(w.free[i]) * (m.length_scale if i % 3 == 2 else 1.0))
+    if p.speed > AT_REST * free * s.attempt.h:
+        return
+    right_hand_side(m, w, p.time + h, s.probe, s.slip, s.corner, s.dy)
+    for i in range(n):
+        p.speed = max(p.speed, abs(s.dy[n + i]) * (m.length_scale if i % 3 == 2 else 1.0) * h)

@@ -307,7 +307,7 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
     speed, force = p.speed, p.force  # audits do not depend on whether there was output in the step
     if not p.fresh:
         remember(m, w, s)
-    if step.length > step.resolution and not audit(m, w, s, task, t, speed, force):
+    if task.audits and step.length > step.resolution and not audit(m, w, s, task, t, speed, force):
         return AUDIT
     if step.event < 0 and not p.fresh:
         copy(s.K[STAGES], s.K[0])

@@ -23,6 +23,8 @@ from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
+HOLDS, LEAVES = np.inf, -1.0
+"""Rest speeds of a guide that is at rest whatever its slip speed, and of one that leaves rest at this instant."""
 
 @kernel(allocates=True)
 def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integers, corner: IntegerTable,
@@ -36,7 +38,7 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
     corner : ndarray of int, shape (frictional, 2 or more)
         The corners' signs: before, and on return after.
     rest_speed : ndarray, shape (frictional,)
-        Slip speed (m/s) up to which a guide is at rest; negative: it has just broken away, in the direction `slip`.
+        Slip speed (m/s) up to which a guide is at rest; HOLDS; or LEAVES, in the direction `slip`.
 
     Returns
     -------
@@ -47,10 +49,10 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
     row_form(m, w, t, q, v)
     stuck = np.zeros(nf, dtype=np.bool_)
     for f in range(nf):
-        stuck[f] = rest_speed[f] >= 0.0 and abs(w.slip_speed[f]) <= rest_speed[f]
+        stuck[f] = abs(w.slip_speed[f]) <= rest_speed[f]
         if stuck[f]:
             slip[f] = 0
-        elif rest_speed[f] >= 0.0:
+        elif rest_speed[f] != LEAVES:
             slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
     if len(m.cell) < 2:
         return _settle(m, w, slip, stuck, corner)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 (SOLVED, RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, SIGN_CYCLE, MODE_LIMIT, CHATTER, STEP_TOO_SMALL, NOT_FINITE,
- STEP_LIMIT, CRAWL, ROOM, JAM, AUDIT) = range(16)
-"""SOLVED: a solution, and for an integration the end of its time. ROOM: an integration's log is full."""
+ STEP_LIMIT, CRAWL, ROOM, JAM, AUDIT, REPEAT) = range(17)
+"""SOLVED: a solution, and for an integration the end of its time. ROOM: an integration's log is full. REPEAT: a step
+was rejected, and is to be made anew."""
 DONE = SOLVED
 
 BREAKDOWNS = {

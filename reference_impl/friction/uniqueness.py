@@ -23,7 +23,7 @@ from stiction.reference_impl.friction.enumeration import LIMIT, TOO_MANY, soluti
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
 from stiction.reference_impl.multibody.banded_systems import fill_cell, fill_cell_of, friction_row, guides_of
 from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Mechanism
 
 COUNTED = 1000
 """Contact modes up to which solutions are counted on the way: three guides at rest, four that slip. Beyond, an
@@ -32,7 +32,7 @@ integration does not know whether its solution is the only one."""
 
 @kernel
 def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tuple[float, int]:
-    """Largest gain of the rows in the workspace (`dynamics.row_form`), and its guide (-1 if none slips).
+    """Largest gain of the rows in the workspace (`dynamics.row_form`), and its guide, or NO_GUIDE.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
         Of a guide at rest both directions are considered, with the static coefficient. Otherwise its slip stays zero by
         whatever friction this takes.
     """
-    worst, where = 0.0, -1
+    worst, where = 0.0, NO_GUIDE
     if not (_respond(m, w, slip, released, 0.0) or _respond(m, w, slip, released, COMPLIANCE)):
         return worst, where
     for f in range(len(m.friction)):
@@ -62,7 +62,7 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
                 load = max(load, normal_load(guide, R, T, mu))
             gain += mu * load
             column += 1
-        if where < 0 or gain > worst:
+        if where == NO_GUIDE or gain > worst:
             worst, where = gain, f
     return worst, where
 
@@ -129,24 +129,24 @@ def _respond_banded(m: Arrays, w: Workspace, slip: Integers, released: bool, com
 def gain_of_mode(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
     """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide.
 
-    0 and -1 without friction.
+    0 and NO_GUIDE without friction.
     """
     if len(m.friction) == 0:
-        return 0.0, -1
+        return 0.0, NO_GUIDE
     return _gain_of_cell(m, w, slip) if len(m.cell) < 2 else _gain_of_cells(m, w, slip)
 
 
 @kernel(allocates=True)
 def _gain_of_cells(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
-    worst, where = 0.0, -1
+    worst, where = 0.0, NO_GUIDE
     for c in range(len(m.cell)):
         fill_cell_of(m, w, c)
         own_m, own_w = at(m.separate[c], m), at(w.separate[c], w)
         guides = guides_of(m, own_m)
         if len(guides):
             gain, guide = _gain_of_cell(own_m, own_w, taken(slip, guides))
-            if where < 0 or gain > worst:
-                worst, where = gain, guides[guide] if guide >= 0 else -1
+            if where == NO_GUIDE or gain > worst:
+                worst, where = gain, guides[guide] if guide != NO_GUIDE else guide
     return worst, where
 
 

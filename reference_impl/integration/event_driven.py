@@ -17,16 +17,16 @@ import numpy as np
 
 from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
-from stiction.reference_impl.friction.outcomes import (AUDIT, CRAWL, DONE, NOT_FINITE, ROOM, SEVERAL, STEP_LIMIT,
-                                                       STEP_TOO_SMALL)
+from stiction.reference_impl.friction.outcomes import (AUDIT, CRAWL, DONE, NOT_FINITE, REPEAT, ROOM, SEVERAL,
+                                                       STEP_LIMIT, STEP_TOO_SMALL)
 from stiction.reference_impl.friction.solvers import AUTOMATIC, named
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.dop853 import combine, dense_at, dense_coefficients, error_norm
 from stiction.reference_impl.integration.dop853_coefficients import A_EXTRA, C_EXTRA, EXTRA, STAGES
 from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, falls_to_end, first_root,
                                                                 go_to_event, may_vanish, zero_near_end)
-from stiction.reference_impl.integration.integration_state import (AT_ONCE, NOISE, State, Task, noise, remember, state,
-                                                                   take_step)
+from stiction.reference_impl.integration.integration_state import (AT_ONCE, NO_EVENT, NOISE, State, Task, noise,
+                                                                   remember, state, take_step)
 from stiction.reference_impl.integration.mode_switch import begin, switch_mode
 from stiction.reference_impl.integration.result import EventLog, Run, Samples, breakdown_of, columns_and_events
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
@@ -53,8 +53,6 @@ loads change."""
 LEAST_BY_BODY = 1e-10
 """Tolerance from which on the error of a mechanism without friction is estimated body by body. Below, steps are short
 enough to make no difference, and near a singular position rounding of one body would be taken for an error."""
-REPEAT = -1
-"""Outcome of `_attempt`: the step was rejected, and is to be made anew."""
 
 
 @kernel
@@ -88,7 +86,7 @@ def integrate(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, l
         outcome = _commit(m, w, s, task)
         if outcome != DONE:
             return outcome
-        if step.event >= 0:
+        if step.event != NO_EVENT:
             outcome = switch_mode(m, w, s, log, task.first_step)
             if outcome != DONE:
                 return outcome
@@ -190,9 +188,9 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
     if step.aims and falls_to_end(s, p.aimed):
         ahead = zero_near_end(s.at_start, s.seen, p.aimed)
     meets = abs(ahead) < NEAR
-    suspicious = may_vanish(s, p.aimed if meets else -1)
+    suspicious = may_vanish(s, p.aimed if meets else NO_EVENT)
     output = p.next_output < len(samples.t) and samples.t[p.next_output] < t + (LONGER if meets else 1.0) * h
-    step.event, step.fraction, slope = -1, 1.0, 0.0
+    step.event, step.fraction, slope = NO_EVENT, 1.0, 0.0
     step.has_rows = not (suspicious or output or step.critical != 0)
     if not step.has_rows:
         for i in range(EXTRA):
@@ -202,11 +200,11 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
     if suspicious:
         step.fraction, step.event, slope = first_root(m, w, s)
     step.length, met = h, True
-    step.at_once = (step.event >= 0 and step.fraction < BESIDE
+    step.at_once = (step.event != NO_EVENT and step.fraction < BESIDE
                     and s.at_start[step.event] <= AT_ONCE * noise(s, step.event))
     if step.at_once:
         met = False
-    elif step.event >= 0:
+    elif step.event != NO_EVENT:
         length = step.fraction * h
         take_step(m, w, s, t, length)
         correction = -s.seen[STAGES - 1, step.event] * h / slope
@@ -219,20 +217,20 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
             p.step = max(p.step, step.stop - t)  # there is none before the stop: a step that ends there
             w.counters.rejected += 1
             return False
-    if step.event >= 0 and not step.at_once and t + step.length > step.stop:
+    if step.event != NO_EVENT and not step.at_once and t + step.length > step.stop:
         take_step(m, w, s, t, h)
-        step.length, step.event, met = h, -1, True
+        step.length, step.event, met = h, NO_EVENT, True
     if not met and p.missed < MISSES:
         # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
         p.step = 0.5 * (1.0 if step.at_once else max(step.fraction, BESIDE)) * h
         p.missed += 1
         w.counters.rejected += 1
         return False
-    step.shorter = step.event >= 0
+    step.shorter = step.event != NO_EVENT
     if step.at_once:
         step.length = 0.0
     elif not met and w.event[step.event] > noise(s, step.event):
-        step.event = -1  # it comes near zero, and does not pass it
+        step.event = NO_EVENT  # it comes near zero, and does not pass it
     p.missed = 0
     step.lost, step.counted = 0, 0.0
     if step.critical:
@@ -291,7 +289,7 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
         return SEVERAL
     t_new = step.stop if step.reaches_stop and not step.shorter else t + step.length
     has_rows = step.has_rows != 0 and step.shorter == 0 and t_new == t + step.h
-    if step.event < 0 and not step.shorter:
+    if step.event == NO_EVENT and not step.shorter:
         for e in range(len(w.event)):
             distance = zero_near_end(s.at_start, s.seen, e)
             if BESIDE < distance < p.aim / step.h:
@@ -309,7 +307,7 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
         remember(m, w, s)
     if task.audits and step.length > step.resolution and not audit(m, w, s, task, t, speed, force):
         return AUDIT
-    if step.event < 0 and not p.fresh:
+    if step.event == NO_EVENT and not p.fresh:
         copy(s.K[STAGES], s.K[0])
         copy(s.seen[STAGES - 1], s.at_start)
     return DONE

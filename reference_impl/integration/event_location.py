@@ -35,7 +35,7 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.integration.dop853 import dense_at
 from stiction.reference_impl.integration.dop853_coefficients import STAGES, C
-from stiction.reference_impl.integration.integration_state import NODES, NOISE, State, noise
+from stiction.reference_impl.integration.integration_state import NO_EVENT, NODES, NOISE, State, noise
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
@@ -157,7 +157,7 @@ def zero_near_end(before: Reals, seen: Table, e: int) -> float:
 def may_vanish(s, meant):
     """Return True where the bound of the module's docstring fails, for the whole step, for an event function.
 
-    meant : one that has its zero about the end of the step, and must only not have one before; -1 if there is none.
+    meant : one that has its zero about the end of the step, and must only not have one before, or NO_EVENT.
     """
     for e in range(len(s.at_start)):
         if not _stays_positive(s.at_start, s.seen, e, e == meant, noise(s, e)):
@@ -227,7 +227,7 @@ def _evaluate(m, w, s, x):
 def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
     """First zero of an event function within the step: its fraction of the step, its index, and the slope per fraction.
 
-    Index -1 if there is none. The step is searched in parts, from its start: one in which the bound of the module's
+    NO_EVENT if there is none. The step is searched in parts, from its start: one in which the bound of the module's
     docstring neither excludes a zero nor encloses one is halved, the one after it is twice as long. `State.sampled` has
     the event functions at the nodes of a part, `State.bernstein` coefficients of one of them.
     """
@@ -238,7 +238,7 @@ def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
         for i in range(1, NODES + 1):
             _evaluate(m, w, s, low + width * _X[i])
             copy(w.event, value[i])
-        best, which, steepness, resolved = 2.0, -1, 0.0, True
+        best, which, steepness, resolved = 2.0, NO_EVENT, 0.0, True
         for e in range(len(w.event)):
             rounding = noise(s, e)
             begins = s.at_start[e] >= -CREEP / NOISE * rounding
@@ -256,12 +256,12 @@ def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
         if not resolved:
             width *= 0.5
             continue
-        if which >= 0:
+        if which != NO_EVENT:
             return best, which, steepness
         copy(value[NODES], value[0])
         low += width
         width = min(2.0 * width, 1.0 - low)
-    return 1.0, -1, 0.0
+    return 1.0, NO_EVENT, 0.0
 
 
 @kernel

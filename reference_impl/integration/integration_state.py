@@ -22,6 +22,8 @@ function starts at zero after its own event and must not fire on rounding. It do
 AT_ONCE = 100.0
 """Times its rounding up to which an event function is zero at the start of a step, where it may fall below zero at
 once."""
+NO_EVENT = -1
+"""Event function of a step that ends at none."""
 
 
 class Task(Bundle):
@@ -109,7 +111,7 @@ class Attempt(Record):
     counted: float
     """Fraction at which several motions were counted, where it is `lost`"""
     event: int
-    """Event function at its end, -1: none"""
+    """Event function at its end, or NO_EVENT"""
     reaches_stop: int
     aims: int
     """It aims at an expected event"""

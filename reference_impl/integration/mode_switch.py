@@ -14,11 +14,11 @@ from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.coulomb import can_jam
 from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, most_capacity
 from stiction.reference_impl.friction.guides_at_rest import leave_together, rest_together
-from stiction.reference_impl.friction.mode_choice import choose_mode, other_modes
+from stiction.reference_impl.friction.mode_choice import HOLDS, LEAVES, choose_mode, other_modes
 from stiction.reference_impl.friction.outcomes import CHATTER, DONE, JAM, ROOM, SOLVED
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
-from stiction.reference_impl.integration.integration_state import AT_ONCE, State, noise, remember
-from stiction.reference_impl.integration.result import CORNER, REVERSAL, SAME_INSTANT, SLIP, STICK, EventLog
+from stiction.reference_impl.integration.integration_state import AT_ONCE, NO_EVENT, State, noise, remember
+from stiction.reference_impl.integration.result import CORNER, REVERSAL, SAME_INSTANT, SLIP, STICK, UNCHANGED, EventLog
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
@@ -100,7 +100,7 @@ def _examine_event(m, w, s, event):
     unloaded = most_capacity(m, w, guide) <= UNLOADED * p.force
     if slip[guide] == 0 and unloaded:
         function = _way_out(m, w, s, guide)
-        if function < 0:
+        if function == NO_EVENT:
             begin_mode(m, w, s)
             copy(w.event, s.at_start)
             return False, function, True
@@ -124,13 +124,13 @@ def _examine_event(m, w, s, event):
 def _way_out(m, w, s, guide):
     """Event function by which a guide at rest that is unloaded breaks away.
 
-    The lower just behind, -1 if it holds there.
+    The lower just behind; NO_EVENT if it holds there.
     """
     right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
     _look_behind(m, w, s)
     e = 3 * guide
     function = 0 if w.event[e] < w.event[e + 1] else 1
-    return function if w.event[e + function] < -AT_ONCE * noise(s, e) else -1
+    return function if w.event[e + function] < -AT_ONCE * noise(s, e) else NO_EVENT
 
 
 @kernel
@@ -139,15 +139,15 @@ def _change_slip(m, w, s, first_step, guide, function, behind):
     t, y, slip, n = s.progress.time, s.y, s.slip, len(m.inverse_mass)
     for f in range(len(m.friction)):
         # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
-        s.rest_speed[f] = np.inf if slip[f] == 0 else COINCIDENCE * s.progress.speed
+        s.rest_speed[f] = HOLDS if slip[f] == 0 else COINCIDENCE * s.progress.speed
         if slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(first_step, t):
-            s.rest_speed[f] = -1.0
+            s.rest_speed[f] = LEAVES
     if slip[guide] == 0:
         if can_jam(m, guide):
             return JAM
         _break_away(m, w, s, guide, 1 if function == 0 else -1)
     elif function == 0:
-        s.rest_speed[guide] = np.inf
+        s.rest_speed[guide] = HOLDS
         _come_to_rest(m, w, s)
     if behind:
         return _choose_behind(m, w, s)
@@ -165,7 +165,7 @@ def _break_away(m: Arrays, w: Workspace, s: State, guide: int, direction: int) -
     leave_together(m, w, leaving, firmness, s.slip, stuck)
     for f in range(nf):
         if s.old_slip[f] == 0 and not stuck[f]:
-            s.rest_speed[f] = -1.0
+            s.rest_speed[f] = LEAVES
 
 
 @kernel(allocates=True)
@@ -179,7 +179,7 @@ def _come_to_rest(m: Arrays, w: Workspace, s: State) -> None:
         return
     for f in range(len(m.friction)):
         if held[f]:
-            s.rest_speed[f] = np.inf
+            s.rest_speed[f] = HOLDS
     if m.baumgarte_beta2 > 0.0:
         # what is at rest cannot follow the acceleration by which Baumgarte's terms would take back a residual
         row_form(m, w, t, q, v)
@@ -214,7 +214,7 @@ def _log_changes(m, w, s, log, others):
     p, first = s.progress, s.progress.logged
     for f in range(len(m.friction)):
         kind = _kind_of_change(s, f)
-        if kind < 0:
+        if kind == UNCHANGED:
             continue
         i = p.logged
         log.t[i], log.kind[i], log.guide[i], log.others[i] = p.time, kind, f, others
@@ -230,12 +230,12 @@ def _log_changes(m, w, s, log, others):
 
 @kernel
 def _kind_of_change(s, f):
-    """Kind of the event of a guide, by its modes before and after; -1 if nothing has changed."""
+    """Kind of the event of a guide, by its modes before and after."""
     if s.slip[f] != s.old_slip[f]:
         return SLIP if s.old_slip[f] == 0 else STICK if s.slip[f] == 0 else REVERSAL
     if s.slip[f] != 0 and (s.corner[f, 0] != s.old_corner[f, 0] or s.corner[f, 1] != s.old_corner[f, 1]):
         return CORNER
-    return -1
+    return UNCHANGED
 
 
 @kernel
@@ -279,7 +279,7 @@ def begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
     unloaded = False
     for f in range(len(m.friction)):
         if abs(w.slip_speed[f]) <= s.rest_speed[f]:
-            s.rest_speed[f] = np.inf
+            s.rest_speed[f] = HOLDS
             unloaded = unloaded or most_capacity(m, w, f) <= UNLOADED * s.progress.force
     if unloaded:
         s.progress.force = max(s.progress.force, load)

@@ -16,14 +16,14 @@ from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.contact_solvers import solve_contact
 from stiction.reference_impl.friction.frozen_mode import solve_mode
-from stiction.reference_impl.friction.mode_choice import choose_mode
+from stiction.reference_impl.friction.mode_choice import HOLDS, LEAVES, choose_mode
 from stiction.reference_impl.friction.outcomes import CHATTER, DONE, NOT_FINITE, SOLVED
 from stiction.reference_impl.friction.solvers import AUTOMATIC, named
 from stiction.reference_impl.integration.result import (EVENT_KINDS, REVERSAL, SLIP, STICK, EventLog, Run, Samples,
                                                         breakdown_of)
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, workspace
-from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Mechanism
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.trajectory_columns import build_columns, write_sample
 from stiction.scenes import Cost, Event
@@ -141,9 +141,9 @@ def march(m: Arrays, w: Workspace, beside: Workspace, s: State, task: Steps, sam
                 written += 1
             if step == task.steps:
                 return DONE, written, events, t
-            h, first = _step_to_rest(m, w, s, t, rest)
-            if h < 0.0:
-                return first, written, events, t
+            outcome, h, first = _step_to_rest(m, w, s, t, rest)
+            if outcome != SOLVED:
+                return outcome, written, events, t
             if not is_finite(s.y_new):
                 return NOT_FINITE, written, events, t
             copy(s.y_new, y)
@@ -153,9 +153,9 @@ def march(m: Arrays, w: Workspace, beside: Workspace, s: State, task: Steps, sam
                 row_form(m, w, t, y[:n], y[n:])
                 project(m, w, t, y[:n], y[n:], 1e-15 * m.length_scale, 2)
                 w.counters.projections += 1
-            if first < 0:
+            if first == NO_GUIDE:
                 break
-            s.rest_speed[first] = np.inf
+            s.rest_speed[first] = HOLDS
             partial += 1
             if partial > 50 + 10 * nf:
                 return CHATTER, written, events, t
@@ -177,7 +177,7 @@ def _log_changes(s, log, t, events, began):
             kind = SLIP if s.old_slip[f] == 0 else STICK if s.slip[f] == 0 else REVERSAL
             log.t[events], log.kind[events], log.guide[events] = t, kind, f
             events += 1
-        s.rest_speed[f] = np.inf if s.stuck[f] else -1.0
+        s.rest_speed[f] = HOLDS if s.stuck[f] else LEAVES
     return events
 
 
@@ -195,26 +195,26 @@ def _log_sides(m, beside, s, log, t, began, events):
 
 
 @kernel
-def _step_to_rest(m: Arrays, w: Workspace, s: State, t: float, rest: float) -> tuple[float, int]:
+def _step_to_rest(m: Arrays, w: Workspace, s: State, t: float, rest: float) -> tuple[int, float, int]:
     """A step of length `rest`, or up to the first slip velocity that changes its sign.
 
-    Returns the step and the guide that came to rest (-1: none); step -1 and the outcome if the solver failed.
+    Returns the solver's outcome, the step, and the guide that came to rest, or NO_GUIDE.
     """
     n, slip, y_new = len(m.inverse_mass), s.slip, s.y_new
     h = rest
     outcome = _runge_kutta(m, w, s, t, h)
     if outcome != SOLVED:
-        return -1.0, outcome
-    first, fraction = -1, 1.0
+        return outcome, h, NO_GUIDE
+    first, fraction = NO_GUIDE, 1.0
     row_form(m, w, t + h, y_new[:n], y_new[n:])
     for f in range(len(m.friction)):
         begin, end = slip[f] * s.start_speed[f], slip[f] * w.slip_speed[f]
         if not s.stuck[f] and end < 0.0:
             x = begin / (begin - end) if begin > 0.0 else 0.5
-            if first < 0 or x < fraction:
+            if first == NO_GUIDE or x < fraction:
                 first, fraction = f, x
-    if first < 0:
-        return rest, -1
+    if first == NO_GUIDE:
+        return SOLVED, rest, first
     low, low_value = 0.0, max(slip[first] * s.start_speed[first], 0.0)
     high, high_value = rest, slip[first] * w.slip_speed[first]
     floor = 1e-13 * max(abs(low_value), abs(high_value))
@@ -222,7 +222,7 @@ def _step_to_rest(m: Arrays, w: Workspace, s: State, t: float, rest: float) -> t
         h = low + (high - low) * (low_value / (low_value - high_value) if i % 3 != 2 and low_value > 0.0 else 0.5)
         outcome = _runge_kutta(m, w, s, t, h)
         if outcome != SOLVED:
-            return -1.0, outcome
+            return outcome, h, NO_GUIDE
         row_form(m, w, t + h, y_new[:n], y_new[n:])
         value = slip[first] * w.slip_speed[first]
         if abs(value) <= floor or high - low < 1e-15 * rest:
@@ -232,7 +232,7 @@ def _step_to_rest(m: Arrays, w: Workspace, s: State, t: float, rest: float) -> t
         else:
             high, high_value = h, value
     w.counters.rejected += 1
-    return h, first
+    return SOLVED, h, first
 
 
 def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int,

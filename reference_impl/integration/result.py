@@ -15,12 +15,13 @@ from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, DONE, 
                                                        SEVERAL, SIGN_CYCLE, SINGULAR)
 from stiction.reference_impl.friction.trial_and_error import trial_and_error
 from stiction.reference_impl.friction.uniqueness import COUNTED, gain_of_mode, number_of_solutions
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost, Event
 from stiction.scenes.trajectory import rows_of
 
 SLIP, STICK, REVERSAL, CORNER = range(4)
+UNCHANGED = -1
 EVENT_KINDS = ("slip", "stick", "reversal", "corner")
 SAME_INSTANT = 1e-12
 """Part of the time so far, or of the first step if that is later, within which changes are one event: those of both
@@ -83,7 +84,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     """
     if code == DONE:
         return None
-    m, guide, found = mechanism.arrays, -1, None
+    m, guide, found = mechanism.arrays, NO_GUIDE, None
     kind, reason = BREAKDOWNS[code]
     if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT):
         _, guide = gain_of_mode(m, w, slip)
@@ -97,7 +98,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
         found = 0
     if code == SEVERAL:
         found = number_of_solutions(mechanism, w, slip, COUNTED)
-    return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide >= 0 else "", found)
+    return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide != NO_GUIDE else "", found)
 
 
 def columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray],

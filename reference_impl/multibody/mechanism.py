@@ -34,6 +34,8 @@ UNLIKE = 1e5
 """Ratio of masses from which G is too rounded: at 1e4 case 1 is wrong by 6e-10 m at rtol 1e-12, at 1e8 by 3e-7 m,
 whatever the tolerance."""
 REVOLUTE, TRANSLATIONAL, ANGLE, DISTANCE, AXIS = range(5)
+NO_GUIDE = -1
+"""Place of a frictional guide where there is none."""
 LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
 
 _POINTS = [("ax", float), ("ay", float), ("bx", float), ("by", float), ("ux", float), ("uy", float)]
@@ -61,7 +63,7 @@ class Arrays(Bundle):
     inverse_mass, weight : ndarray, shape (3 * bodies,)
     constraint : ndarray of CONSTRAINT
         One per joint and drive, in the order of their rows: bodies a and b, their points, direction (ux, uy) in the
-        axes of b, offset of the angle, law, and the frictional guide or -1.
+        axes of b, offset of the angle, law, and the frictional guide or NO_GUIDE.
     friction : ndarray of FRICTION
         One per frictional guide: row of its normal force (that of the moment follows), length 0 where it has none;
         `corners`, the normal forces that have one sign each (2, or 1 without length), and `pair`, the first of their
@@ -199,7 +201,7 @@ class Mechanism:
         constraints, row, driven = [], 0, 0
         frictions: list[tuple[float, ...]] = []
         for element in [*self.scene.joints.values(), *self.scene.drives.values()]:
-            direction, offset, law, guide, rows = (1.0, 0.0), 0.0, -1, -1, 2
+            direction, offset, law, guide, rows = (1.0, 0.0), 0.0, -1, NO_GUIDE, 2
             if isinstance(element, Revolute):
                 kind, points = REVOLUTE, element.points
             elif isinstance(element, Drive):

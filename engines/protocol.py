@@ -153,7 +153,7 @@ def check_settings(given: Iterable[str], known: Iterable[str], engine: str, fide
 
 
 OBLIGATORY = ("name", "capabilities", "version", "refusal", "run")
-"""What a class derived from `Engine` must define."""
+"""Attributes and methods that a class derived from `Engine` must define."""
 
 
 class Engine(ABC):
@@ -252,7 +252,7 @@ class Engine(ABC):
             Distance of output instants in seconds, at most; a fixed-step engine uses a multiple of dt, and the end is
             always one.
         **settings
-            Of the engine; those it does not have are an error (`check_arguments`).
+            The engine's own; those it does not have are an error (`check_arguments`).
 
         Raises
         ------

@@ -36,7 +36,7 @@ EXTRAS = ("pybullet", "mujoco", "drake", "dart")
 """Engines that an installation may lack; extras of the same names bring them."""
 _PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mujoco": "mujoco-core", "drake": "drake",
              "dart": "dartpy", ".fmu": "fmpy"}
-"""Of the suite's engines that are not its own, and of files, as pip knows them."""
+"""Packages, as pip knows them, of the engines that the suite has adapters for, and of files."""
 _OWN_PACKAGE = "stiction"
 FILES = {".toml": "stiction.engines.program.engine:ProgramEngine", ".fmu": "stiction.engines.fmu.engine:FmuEngine"}
 """Addresses of the engines that are files by the ending of their names; the classes take the absolute path."""

@@ -28,13 +28,13 @@ class Body(Model):
     inertia: Inertial
     """About the centre of mass; kg m², > 0"""
     position: Vector = (0.0, 0.0)
-    """Of the centre of mass, in ground axes; m"""
+    """Place of the centre of mass, in ground axes; m"""
     angle: Number = 0.0
-    """Of the axes of the body against those of the ground; rad"""
+    """Angle of the body's axes against those of the ground; rad"""
     velocity: Vector = (0.0, 0.0)
-    """Of the centre of mass; m/s"""
+    """Velocity of the centre of mass; m/s"""
     angular_velocity: Number = 0.0
-    """rad/s"""
+    """Rate of the angle; rad/s"""
 
 
 class Revolute(Model):
@@ -71,17 +71,17 @@ class Translational(Model):
     guide: Name = GROUND
     """The body that it slides on"""
     direction: Direction = (1.0, 0.0)
-    """Of the guide's line, in the axes of the guide; of any length but 0"""
+    """Direction of the guide's line, in the axes of the guide; of any length but 0"""
     point: Vector = (0.0, 0.0)
-    """Of the guide's line, in the axes of the guide; m"""
+    """A point of the guide's line, in the axes of the guide; m"""
     slider_point: Vector = (0.0, 0.0)
     """The point of the slider that stays on the line; m"""
     angle: Number = 0.0
-    """Of the slider minus that of the guide; rad"""
+    """Angle of the slider minus that of the guide; rad"""
     length: Positive | None = None
-    """Of the slider along the guide: resolves the normal force into corner forces; m, > 0"""
+    """Length of the slider along the guide: resolves the normal force into corner forces; m, > 0"""
     width: NonNegative | None = None
-    """Of the slider across the guide: the lever of surface friction, needs a `length`; m"""
+    """Width of the slider across the guide: the lever of surface friction, needs a `length`; m"""
     mu: NonNegative | None = None
     """Kinetic coefficient of friction; none is no friction"""
     mus: NonNegative | None = None
@@ -137,7 +137,7 @@ class Drive(Model):
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
     """One in each body; distance only; m"""
     axis: Direction | None = None
-    """In the axes of `bodies[1]`: the signed coordinate along it is driven instead of the distance; distance only"""
+    """Direction in the axes of `bodies[1]`, whose signed coordinate is driven, not the distance; distance only"""
     law: Law
     """The coordinate over time, rad or m; a table must be cubic"""
 
@@ -168,7 +168,7 @@ class LinearSpring(Model):
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
     """One in each body; m"""
     axis: Direction | None = None
-    """In the axes of `bodies[1]`: `d` is the signed coordinate along it instead of the distance"""
+    """Direction in the axes of `bodies[1]`; `d` is the signed coordinate along it, not the distance"""
     stiffness: NonNegative = 0.0
     """N/m"""
     damping: NonNegative = 0.0
@@ -210,9 +210,9 @@ class Force(Model):
     body: Name
     """The body that it acts on; not the ground"""
     point: Vector = (0.0, 0.0)
-    """In the axes of the body; m"""
+    """Point of application, in the axes of the body; m"""
     direction: Direction
-    """In ground axes; of any length but 0"""
+    """Direction in ground axes; of any length but 0"""
     law: Law
     """The force over time; N"""
 
@@ -237,9 +237,9 @@ class Baumgarte(Model):
     method: Literal["baumgarte"] = "baumgarte"
     """Feedback of the residuals"""
     alpha: NonNegative
-    """Of the rate of the residuals; 1/s"""
+    """Half the gain of the residuals' rate; 1/s"""
     beta: NonNegative
-    """Of the residuals; 1/s"""
+    """Root of the gain of the residuals; 1/s"""
 
 
 class Projection(Model):
@@ -263,7 +263,7 @@ class Scene(Model):
     """A planar mechanism and only the effects it declares."""
 
     title: str = ""
-    """What it is, in a line"""
+    """The mechanism in a line"""
     source: str = ""
     """Where its numbers come from"""
     t_end: Positive = 10.0
@@ -273,7 +273,7 @@ class Scene(Model):
     gravity: Vector | None = None
     """`[gx, gy]`, m/s²; none is no weight"""
     bodies: dict[Name, Body] = Field(min_length=1)
-    """At least one"""
+    """The bodies by name; at least one"""
     joints: dict[Name, Joint] = {}
     """Pins and sliders on guides"""
     drives: dict[Name, Drive] = {}

@@ -46,9 +46,9 @@ class BristleGuide(SlidingGuide):
     model : Model
         Not yet assembled.
     name, joint : str, Translational
-        Of the guide, which has friction.
+        The guide's joint, which has friction.
     stiffness, damping : float
-        Of the bristles, N/m and N s/m.
+        Coefficients of the bristles, N/m and N s/m.
     decay : float
         v_s, the speed at which 37 % of the static excess F_s are left, over the change of the slip speed that F_s makes
         in a step. As attribute: v_s over F_s, m/(N s).

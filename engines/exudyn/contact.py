@@ -14,9 +14,9 @@ from stiction.engines.exudyn.model import Model, unit
 from stiction.scenes.model import Translational
 
 _REACH = 1e3
-"""Of the slider's length: how far the planes extend. Nothing depends on it while the slider stays on them."""
+"""The planes extend this many lengths of the slider. Nothing depends on it while the slider stays on them."""
 _RADIUS = 0.25
-"""Of the width: radius of the spheres. Nothing depends on it while the slider is parallel to the guide."""
+"""Radius of the spheres in widths of the slider. Nothing depends on it while the slider is parallel to the guide."""
 CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 """Places along and across the guide of F1 .. F4: lower rear, lower front, upper front, upper rear."""
 
@@ -29,9 +29,9 @@ class ContactGuide:
     model : Model
         Not yet assembled.
     name, joint : str, Translational
-        Of the guide, with length, width > 0 and at most one coefficient of friction.
+        The guide's joint, with length, width > 0 and at most one coefficient of friction.
     stiffness, damping : float
-        Of each contact, N/m and N s/m.
+        Coefficients of each contact, N/m and N s/m.
     friction_zone : float
         m/s; below this speed friction is proportional to the speed: a sticking slider creeps.
     """

@@ -43,7 +43,7 @@ _EXPLICIT = {"rk44": "RK44", "dopri5": "DOPRI5", "velocity-verlet": "VelocityVer
 """Some of Exudyn's explicit methods, by their names there."""
 _CHOICES = {"joint": {"integrator": (*INTEGRATORS, *_EXPLICIT), "method": (LOCATED, BRISTLES)},
             "contact": {"integrator": (*INTEGRATORS, *_EXPLICIT)}}
-"""By fidelity the settings that are words; the first of each is the default."""
+"""Settings that are words, by fidelity; the first of each is the default."""
 _BRISTLE_SETTINGS = {"spectral_radius": 0.3, "newton_tolerance": 1e-9, "bristle_stiffness": 1e5, "bristle_damping": 1e3,
                      "static_decay": 1.0}
 MOST_UNKNOWNS = 5000

@@ -17,7 +17,7 @@ from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Translational
 
 REST_SPEED = 1e-9
-"""m/s: below it a slider counts as at rest at the start; above the rounding of initial states, below any motion."""
+"""Speed (m/s) below which a slider is at rest at the start: above the rounding of initial states, below any motion."""
 
 
 class SlidingGuide:

@@ -107,7 +107,7 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, integrator: str, option
     dt, t_end : float
         Step and end, seconds; where t_end is no multiple, all steps are a little shorter.
     integrator, options : str, mapping
-        Of `INTEGRATORS`, and all settings of the adapter's ``method="bristles"``.
+        One of `INTEGRATORS`, and all settings of the adapter's ``method="bristles"``.
     named : str
         The scene as a command line has it.
 
@@ -146,7 +146,7 @@ class _Name(str):
 
 
 class _Items:
-    """In the place of `exudyn.itemInterface`: any item, with what it is made of; `used` are those asked for."""
+    """Stand-in for `exudyn.itemInterface`: any item, with what it is made of; `used` are those asked for."""
 
     def __init__(self) -> None:
         self.used: set[str] = set()
@@ -157,7 +157,7 @@ class _Items:
 
 
 class _System:
-    """In the place of Exudyn's system: what is added becomes one of `lines`, and its number a variable."""
+    """Stand-in for Exudyn's system: what is added becomes one of `lines`, and its number a variable."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []

@@ -28,7 +28,7 @@ SHORTEST_STEP = 0.01
 """Part of dt: a remainder up to the grid that is shorter joins the next step. Index 3 divides rounding by the square of
 the step, so that much shorter ones would spoil the multipliers."""
 ROUNDING = 1e-12
-"""m/s or N: a margin this far below zero is rounding."""
+"""Margin below zero that is rounding, m/s or N."""
 TRANSIENT = 6
 """Steps after a restart in which the method's own accelerations and multipliers are not reported: they begin off by
 O(dt) and come back by the spectral radius a step (the default 0.3^6 = 7e-4)."""

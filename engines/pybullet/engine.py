@@ -35,7 +35,7 @@ from stiction.scenes import Scene
 from stiction.scenes.model import Revolute, Translational
 
 _NO_LIMIT = 1e9
-"""For what a drive or a loop may take (N, N m) and for joint velocities, which PyBullet clamps at 100 otherwise."""
+"""Limit of what a drive or a loop takes (N, N m), and of joint velocities, which PyBullet clamps at 100 otherwise."""
 MOST_GUIDES = 31
 """At contact fidelity sliders touch their own guides only: a bit of a filter each, of an int that
 `setCollisionFilterGroupMask` takes without its sign."""

@@ -229,7 +229,7 @@ def compile_kernels(*modules: str) -> float:
     Parameters
     ----------
     *modules : str
-        Of `stiction.reference_impl.integration`; without any those of the reference.
+        Names in `stiction.reference_impl.integration`; without any those of the reference.
     """
     from stiction.reference_impl.compiled.compiling_ahead import compile_all
 

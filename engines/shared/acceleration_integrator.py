@@ -52,7 +52,7 @@ class TreeAccelerations(ABC):
     guides, signs : ndarray, each of shape (frictional,)
         Index of each frictional guide's displacement in x, and 1, or -1 where x grows against it.
     clock : EngineClock
-        Of the engine's own calls.
+        CPU time of the engine's own calls.
     """
 
     def __init__(self, scene: Scene):

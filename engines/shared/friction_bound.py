@@ -73,7 +73,7 @@ class FrictionBound(GuideFriction):
     Attributes
     ----------
     balance : MomentumBalance
-        Of the scene.
+        The balance of the scene.
     data : Cap
         For the kernels of `stiction.engines.shared.step_kernels`.
     held : ndarray, shape (frictional,)

@@ -12,8 +12,8 @@ from stiction.reference_impl.multibody.subsystems import independent_parts
 from stiction.scenes import Scene
 
 OFF = 1e-6
-"""Of the mechanism's size, its rates of size per second or the largest speed, that of turning at the distance of its
-size included: a start that is farther off is refused. Scenes of the reference are met to 1e-9 of it
+"""Residual from which on a start is refused, relative to the mechanism's size; that of a rate, to size per second or
+the largest speed, that of turning at the distance of its size included. The reference takes 1e-9
 (`stiction.reference_impl.multibody.initial_state.CONSISTENT`), which engines in single precision cannot see."""
 
 

@@ -113,7 +113,7 @@ class TreeStepper(Stepper):
     ----------
     fidelity : str
     position, velocity : ndarray, shape (links,)
-        Of the joints, to be set after each pass.
+        State of the joints, to be set after each pass.
     coordinates, loads : ndarray, shape (3 * bodies,)
         Coordinates of the bodies at the beginning of the step, and applied forces in it, weight apart; where anything
         is `loaded`.

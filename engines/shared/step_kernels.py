@@ -22,7 +22,8 @@ from stiction.reference_impl.multibody.kinematics import Workspace, rotate
 from stiction.reference_impl.multibody.mechanism import Arrays
 
 SATURATED = 1.0 - 1e-6
-"""Of the cap: friction above it slips. Above the engines' solver residuals (1e-9), below any load that matters."""
+"""Part of the cap above which a guide slips: beyond the residuals of the engines' solvers (1e-9), below any load that
+matters."""
 FIRST_PASSES = 3
 """Attempts of the first steps at least, which have no reactions of a step before: with two the friction of two guides
 that load each other is off by the root of the step."""
@@ -32,8 +33,9 @@ LOOK_AHEAD = 1.5
 GUIDE = np.dtype([*((name, float) for name in ("mu", "mus", "length", "width", "normal_force", "moment", "friction",
                                                "slip_speed", "slip_speed_before", "change", "coefficient", "cap")),
                   *((name, np.int64) for name in ("stuck", "landed", "mode", "mode_before"))])
-"""A frictional guide (m; length 0: without) and its state in the last step: N, N m, m/s; `change` of the slip speed in
-it; `mode` -1, 0 (stick), 1 in it, and in the one before."""
+"""A frictional guide (m; length 0 where it has none) and its state in the last step (N, N m, m/s).
+
+`change` is that of the slip speed in the step; `mode` is -1, 0 (stick) or 1 in it, `mode_before` in the one before."""
 Guides = Annotated[np.ndarray, GUIDE, 1]
 
 

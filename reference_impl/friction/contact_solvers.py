@@ -41,7 +41,7 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
     Returns
     -------
     outcome : int
-        Of `outcomes`; without a solution w.force and corner mean nothing.
+        One of `outcomes`; without a solution w.force and corner mean nothing.
     rest : float
         Acceleration (m/s^2) up to which a guide at rest stays there.
     """

@@ -28,7 +28,7 @@ from stiction.reference_impl.multibody.mechanism import Arrays
 from stiction.reference_impl.multibody.singular_positions import shortest_forces
 
 ALL = -1.0
-"""Of `choose_branches`: whatever capacity they have."""
+"""Argument `least` of `choose_branches` that no capacity is below: it looks at all guides at rest."""
 
 
 @kernel

@@ -363,7 +363,7 @@ def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: R
            unit_x: Reals) -> None:
     """Shortest row forces where all guides at rest stay there, in place, if they are within the capacities.
 
-    Of the solutions of a hyperstatic stick they are the one that depends neither on the order of constraints nor on
+    They are the solution of a hyperstatic stick that depends neither on the order of constraints nor on
     units. y, x in the units of `_units`.
     """
     nf, surfaces, largest = len(m.friction), _surfaces(stuck), 0.0

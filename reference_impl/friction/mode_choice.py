@@ -43,7 +43,7 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
     Returns
     -------
     outcome : int
-        Of the solver (`outcomes`), or SEVERAL, or JAM.
+        The solver's (`outcomes`), or SEVERAL, or JAM.
     """
     nf = len(m.friction)
     row_form(m, w, t, q, v)

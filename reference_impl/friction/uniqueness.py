@@ -39,7 +39,7 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
     slip : ndarray of int, shape (frictional,)
         Directions; 0 at rest.
     released : bool
-        Of a guide at rest both directions are considered, with the static coefficient. Otherwise its slip stays zero by
+        Both directions of a guide at rest are considered, with the static coefficient. Otherwise its slip stays zero by
         whatever friction this takes.
     """
     worst, where = 0.0, NO_GUIDE

@@ -45,7 +45,7 @@ def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) ->
     Parameters
     ----------
     trajectory : Trajectory
-        Of the reference implementation (it must have the contact modes).
+        A run of the reference implementation: it must have the contact modes.
     mechanism : Mechanism
         With the stabilization that the trajectory was computed with.
     """

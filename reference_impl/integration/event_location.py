@@ -61,7 +61,7 @@ AHEAD = 6.0
 CORRECTIONS = 4
 """Secant steps to an event at most: a stiff right-hand side may keep them from falling below rounding."""
 LONGER = (1.0 + NEAR) ** CORRECTIONS
-"""How many times as long they can make a step."""
+"""Times its length that these corrections can make a step at most."""
 HALVINGS = 30
 """Bisections towards the start of a step in search of the rise of an event function that began at zero."""
 OWN_ZERO = 1e-9
@@ -78,22 +78,22 @@ CHECKS = (6, 7, 10)
 """Stages that tell how far from it the event functions are. Earlier ones have states of low order."""
 _TIMES = np.sort(C)
 _AHEAD = np.linalg.inv(np.vander(_TIMES[list(AIMS)] - 1.0, increasing=True))
-"""From those five values to the coefficients of their polynomial about the end of the step."""
+"""Matrix from values at the AIMS to the coefficients of their polynomial about the end of the step."""
 SAFETY = 4.0
 """Times the largest distance at the CHECKS up to which the polynomial may be wrong. Its error is w(x) g^(5)/5!, w the
 product of the distances to the AIMS; the largest |w| on the step, 0.0040, is that at the last of the CHECKS, so that 1
 would do for a constant g^(5)."""
 SAFETY_AT_ZERO = 120.0
-"""The same of a polynomial divided by the distance to one end of the step, where g is zero: |w/x| is 0.11 at most, 26
+"""SAFETY of a polynomial divided by the distance to one end of the step, where g is zero: |w/x| is 0.11 at most, 26
 times |w| at the last of the CHECKS."""
 
 _X = 0.5 - 0.5 * np.cos(np.pi * np.arange(NODES + 1) / NODES)
 _X[0], _X[-1] = 0.0, 1.0
-"""Where a searched step is sampled: the points of Chebyshev and Lobatto."""
+"""Points of Chebyshev and Lobatto, at which a searched step is sampled."""
 
 
 def _bernstein(x: np.ndarray) -> np.ndarray:
-    """From values at the points x of [0, 1] to the Bernstein coefficients of their polynomial."""
+    """Return the matrix from values at the points x of [0, 1] to the Bernstein coefficients of their polynomial."""
     n = len(x) - 1
     binomial = np.array([comb(n, k) for k in range(n + 1)], dtype=float)
     k = np.arange(n + 1)
@@ -101,7 +101,7 @@ def _bernstein(x: np.ndarray) -> np.ndarray:
 
 
 def _predictions() -> np.ndarray:
-    """From values at the AIMS to those of their polynomial at the CHECKS."""
+    """Return the matrix from values at the AIMS to those of their polynomial at the CHECKS."""
     aims, checks = _TIMES[list(AIMS)], _TIMES[list(CHECKS)]
     return np.vander(checks - 1.0, len(AIMS), increasing=True) @ np.linalg.inv(np.vander(aims - 1.0, increasing=True))
 
@@ -110,7 +110,7 @@ _STAGES_TO_BERNSTEIN = _bernstein(_TIMES[list(AIMS)])
 _STAGES_TO_CHECKS = _predictions()
 _NODES_TO_BERNSTEIN = _bernstein(_X)
 _NODES_TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * _X - 1.0, NODES))[-2:]
-"""From values at the nodes to the last two Chebyshev coefficients."""
+"""Matrix from values at the nodes to the last two Chebyshev coefficients."""
 TAIL_AT_ZERO = 2.0 * (NODES + 1) ** 2
 """Times tau that a polynomial divided by the distance to the end where it is zero may be wrong: the slope of a
 Chebyshev polynomial at its end."""
@@ -380,7 +380,7 @@ def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at
 @kernel
 def go_to_event(m: Arrays, w: Workspace, s: State, h: float, correction: float, error: float, event: int,
                 first: bool) -> tuple[float, bool]:
-    """From the end of a step h to the zero of an event function, by the secant method.
+    """Go from the end of a step h to the zero of an event function, by the secant method.
 
     correction : how much longer the step must be; `error`: the part of itself by which that is wrong.  first : there is
     to be no zero of another event function on the way. Returns the step, and whether it ends at the zero; w.event is

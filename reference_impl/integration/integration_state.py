@@ -172,7 +172,7 @@ class State(Bundle):
 
 
 def state(q: np.ndarray, v: np.ndarray, frictional: int) -> State:
-    """At time 0, before a contact mode has been chosen."""
+    """Return the state at time 0, before a contact mode has been chosen."""
     n, events = 2 * len(q), 3 * frictional
     s = State.zeros(y=n, y_old=n, y_new=n, probe=n, dy=n, scale=n, slip=frictional, corner=(frictional, 4),
                     old_slip=frictional,
@@ -215,7 +215,7 @@ def take_step(m, w, s, t, h):
 
 @kernel
 def take_audit_step(m, w, s, t, h):
-    """The same from y_old, in the room of audits; its end into `probe`."""
+    """Make a step from y_old, in the room of audits; its end goes into `probe`."""
     _stages(m, w, s, t, h, s.y_old, s.audit_K, s.probe, s.dy, s.audit_seen)
 
 

@@ -242,7 +242,7 @@ def _kind_of_change(s, f):
 def begin_mode(m: Arrays, w: Workspace, s: State) -> None:
     """y' into K[0] and the event functions into w.event at the start of a mode, on the largest branches of capacity.
 
-    Of a guide at rest that is unloaded they are those that are the largest just behind.
+    A guide at rest that is unloaded has the branches that are the largest just behind.
     """
     right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
     remember(m, w, s)

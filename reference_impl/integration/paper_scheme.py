@@ -32,7 +32,7 @@ from stiction.scenes.trajectory import rows_of
 RK_NODES = np.array([0.0, 0.5, 0.5, 1.0])
 RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 MOST_EVENTS = 100_000
-"""Of a run; later ones are counted no more. The memory is taken as it is used."""
+"""Events of a run that are logged; later ones are not counted. The memory is taken as it is used."""
 
 
 class Steps(Bundle):

@@ -74,7 +74,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     Parameters
     ----------
     code : int
-        Of `outcomes`.
+        One of `outcomes`.
     w : Workspace
         Holding the rows of that instant.
     slip, corner : ndarray of int

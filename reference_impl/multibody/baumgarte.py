@@ -36,8 +36,8 @@ def terms(m, w, r):
 def leave_out(w, r):
     """Take the terms out of row r of the workspace, where more guides hold a mechanism than it has freedoms.
 
-    Of redundant rows they ask for accelerations that contradict each other, and what is held has no drift to be taken
-    back.
+    There they ask redundant rows for accelerations that contradict each other, and what is held has no drift to be
+    taken back.
     """
     w.right[r] += w.stabilizing[r]
     w.stabilizing[r] = 0.0

@@ -42,7 +42,7 @@ class Workspace(Bundle):
     event : (3 * frictional,)
         Event functions of the contact mode, all >= 0 while it lasts.
     solver : int
-        Of contact problems; one of `solvers.SOLVERS`.
+        Solver of contact problems; one of `solvers.SOLVERS`.
     counters : record of `solvers.Counters`
         Work done so far.
     separate : tuple of Workspace

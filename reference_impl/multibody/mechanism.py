@@ -90,10 +90,10 @@ class Arrays(Bundle):
     entry : ndarray of int, shape (n, 2)
         Row and column of the entries of G that are not zero, cell by cell; nothing without cells.
     separate : tuple of Arrays
-        Of a mechanism of several cells, each of them as a mechanism of its own, for what starts from its rows: it has
+        The cells of a mechanism of several, each as a mechanism of its own, for what starts from its rows: it has
         neither constraints nor loads. Rows and guides are numbered within the cell, bodies as in the whole.
     origin : ndarray of int, shape (rows + frictional,)
-        Of a cell, the rows of the whole that are its own, in increasing order; else nothing.
+        Rows of the whole that belong to a cell, in increasing order; nothing in the whole.
     unlike : int
         1 if the largest mass, or inertia over the square of the largest lever, is more than `UNLIKE` times the smallest
         (`unlike_masses`).
@@ -308,7 +308,7 @@ def _row_names(scene: Scene) -> list[str]:
 def _blocks(rows: int, joints: tuple[tuple[int, int, int, int, int], ...]) -> tuple[np.ndarray, np.ndarray]:
     """Blocks of the rows, tangential rows included, and their pairs at the same body.
 
-    Of joints their kind, row, bodies and frictional guide.
+    joints : kind, row, bodies and frictional guide of each.
 
     Mechanisms that differ in numbers alone share them; nothing writes into them.
     """

@@ -60,7 +60,7 @@ def singular_rows(m: Arrays, w: Workspace, unit: Reals) -> tuple[Reals, Table, R
     size : ndarray, shape (rows,)
         By which the rows were divided; nan in all of them where one is not finite, and then the rest are zeros.
     left_of, s, right_of
-        Of the rows, as `linear_algebra.decompose`.
+        Those of the rows, as `linear_algebra.decompose`.
     """
     rows, n, finite = m.rows, len(m.inverse_mass), True
     J, size = np.zeros((rows, n)), np.zeros(rows)

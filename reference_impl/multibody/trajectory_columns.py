@@ -1,4 +1,4 @@
-"""From states, accelerations and row forces to the columns of a trajectory."""
+"""Columns of a trajectory, from states, accelerations and row forces."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def corner_forces(guide: Translational, normal_force: ArrayLike, moment: ArrayLi
     normal_force : array_like
         Resultant on the slider along the guide's normal, N.
     moment : array_like
-        Of the normal forces alone on the slider about its point, N m: without that of the surface frictions.
+        Moment of the normal forces alone on the slider about its point, N m: without that of the surface frictions.
 
     Returns
     -------

@@ -20,6 +20,7 @@ from stiction.reference_impl.friction.outcomes import MODE_LIMIT, NONE, SIGN_CYC
 from stiction.reference_impl.friction.solvers import AUTOMATIC, ENUMERATION, LEMKE, TRIAL
 from stiction.reference_impl.friction.trial_and_error import trial_and_error
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
+from stiction.reference_impl.multibody.dynamics import row_acceleration
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
@@ -79,7 +80,5 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
     for f in range(nf):
         accelerate[f] = 0.0
         if stuck[f] and direction[f] != 0:
-            accelerate[f] = -w.right[m.rows + f]
-            for r in range(len(w.force)):
-                accelerate[f] += w.G[m.rows + f, r] * w.force[r]
+            accelerate[f] = row_acceleration(w, m.rows + f, w.force)
     return outcome, 0.0

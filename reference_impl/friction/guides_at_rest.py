@@ -23,6 +23,7 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, RANK_TOLERANCE, solve_in_place
 from stiction.reference_impl.compiled.loops import taken
 from stiction.reference_impl.multibody.banded_systems import fill_cell, fill_cell_of, guides_of
+from stiction.reference_impl.multibody.dynamics import largest_speed
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
@@ -96,12 +97,11 @@ def _rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals)
         if not held[f]:
             found[f] = _left(row, rate, basis, count, t) <= DEPENDENT and abs(rate[t]) * size[t] <= DRIVEN * speed
         several = several or found[f] or held[f] and not _is_in(basis, count, t)
-    change, fastest = np.zeros(len(v)), 0.0
+    change = np.zeros(len(v))
     for i in range(len(v)):
         for k in range(count):
             change[i] -= np.sqrt(m.inverse_mass[i]) * row[basis[k], i] * rate[basis[k]]
-        fastest = max(fastest, abs(change[i]) * (m.length_scale if i % 3 == 2 else 1.0))
-    if not several or fastest > STOPPED * speed:
+    if not several or largest_speed(m, change) > STOPPED * speed:
         return False
     _subtract(-1.0, change, v)
     for f in range(len(held)):

@@ -29,7 +29,7 @@ from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, e
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import NONE, RAY, SINGULAR, SOLVED
 from stiction.reference_impl.friction.solvers import LEMKE
-from stiction.reference_impl.multibody.dynamics import largest_force
+from stiction.reference_impl.multibody.dynamics import largest_force, row_acceleration
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import ANGLE, REVOLUTE, Arrays
 
@@ -233,10 +233,7 @@ def _left(m, w, force):
         if kind == ANGLE:
             continue
         for r in range(first, first + (2 if kind == REVOLUTE else 1)):
-            acceleration = -w.right[r]
-            for k in range(len(force)):
-                acceleration += w.G[r, k] * force[k]
-            largest = max(largest, abs(acceleration))
+            largest = max(largest, abs(row_acceleration(w, r, force)))
     return largest
 
 
@@ -308,13 +305,8 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
         The largest residual over the largest right-hand side: above CONTRADICTION there is no solution.
     """
     n = len(b)
-    value, shortest, in_y, chosen, count = (
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n, dtype=np.bool_),
-        np.zeros(n, dtype=np.int64),
-        0,
-    )
+    value, shortest, count = np.zeros(n), np.zeros(n), 0
+    in_y, chosen = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64)
     for j in range(n):
         value[j], in_y[j] = max(y[j], x[j]), y[j] > x[j]
         if value[j] > 0.0:
@@ -372,12 +364,8 @@ def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: R
     for g in range(m.rows, m.rows + surfaces):
         if max(y[g], x[g + surfaces]) > REST_COMPLIANT * largest:
             return
-    mode, corner, accelerate, event = (
-        np.zeros(nf, dtype=np.int64),
-        np.zeros((nf, 4), dtype=np.int64),
-        np.zeros(nf),
-        np.zeros(len(w.event)),
-    )
+    mode, corner = np.zeros(nf, dtype=np.int64), np.zeros((nf, 4), dtype=np.int64)
+    accelerate, event = np.zeros(nf), np.zeros(len(w.event))
     copy(w.event, event)
     for f in range(nf):
         mode[f] = 0 if stuck[f] else slip[f]
@@ -440,9 +428,7 @@ def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: I
             y[column], x[column] = upper, lower
             column += 1
         if stuck[f]:
-            acceleration = -w.right[nr + f]
-            for r in range(nr + nf):
-                acceleration += w.G[nr + f, r] * force[r]
+            acceleration = row_acceleration(w, nr + f, force)
             for load in (lower, upper):
                 if direction[f] != 0:
                     y[g], x[g + surfaces] = max(acceleration, 0.0), max(-acceleration, 0.0)
@@ -462,11 +448,8 @@ def correct_accelerations(m, w, force, accelerate):
     """
     for f in range(len(m.friction)):
         if accelerate[f] != 0.0:
-            t = m.rows + f
-            accelerate[f] = -w.right[t]
-            for r in range(len(force)):
-                accelerate[f] += w.G[t, r] * force[r]
-            if accelerate[f] * force[t] > 0.0:
+            accelerate[f] = row_acceleration(w, m.rows + f, force)
+            if accelerate[f] * force[m.rows + f] > 0.0:
                 accelerate[f] = 0.0
 
 

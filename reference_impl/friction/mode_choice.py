@@ -19,7 +19,7 @@ from stiction.reference_impl.friction.guides_at_rest import leave_together
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
 from stiction.reference_impl.friction.uniqueness import has_several
 from stiction.reference_impl.multibody.banded_systems import fill_cell_of, guides_of
-from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.dynamics import row_acceleration, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
@@ -168,9 +168,7 @@ def _other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int
         consistent = outcome == SOLVED
         for f in range(nf):
             if resting[f] and other[f] != 0:
-                accelerate[f] = -w.right[m.rows + f]
-                for r in range(len(w.force)):
-                    accelerate[f] += w.G[m.rows + f, r] * w.force[r]
+                accelerate[f] = row_acceleration(w, m.rows + f, w.force)
                 consistent = consistent and other[f] * accelerate[f] > rest
             elif resting[f]:
                 consistent = consistent and abs(accelerate[f]) <= rest

@@ -32,7 +32,7 @@ from stiction.reference_impl.integration.result import EventLog, Run, Samples, b
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, first_several
 from stiction.reference_impl.integration.step_audit import audit
-from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, workspace
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
 from stiction.reference_impl.multibody.projection import project
@@ -322,10 +322,8 @@ def _project(m, w, s, has_rows):
     n, t, y = len(m.inverse_mass), s.progress.time, s.y
     if not has_rows:
         row_form(m, w, t, y[:n], y[n:])
-    position, velocity, speed = 0.0, 0.0, s.progress.speed
-    for i in range(n):
-        # of a mechanism at rest the speeds are rounding of what its free bodies would reach
-        speed = max(speed, abs(w.free[i]) * s.attempt.length * (m.length_scale if i % 3 == 2 else 1.0))
+    # of a mechanism at rest the speeds are rounding of what its free bodies would reach
+    position, velocity, speed = 0.0, 0.0, max(s.progress.speed, largest_speed(m, w.free) * s.attempt.length)
     for r in range(m.rows):
         position, velocity = max(position, abs(w.phi[r])), max(velocity, abs(w.phi_dot[r]))
     if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * speed:

@@ -10,7 +10,7 @@ from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.integration.dop853 import BY_TIME, combine
 from stiction.reference_impl.integration.dop853_coefficients import EXTRA, STAGES, A, C
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.dynamics import largest_force
+from stiction.reference_impl.multibody.dynamics import largest_force, largest_speed
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
@@ -175,11 +175,9 @@ def state(q: np.ndarray, v: np.ndarray, frictional: int) -> State:
     """Return the state at time 0, before a contact mode has been chosen."""
     n, events = 2 * len(q), 3 * frictional
     s = State.zeros(y=n, y_old=n, y_new=n, probe=n, dy=n, scale=n, slip=frictional, corner=(frictional, 4),
-                    old_slip=frictional,
-                    old_corner=(frictional, 4), began=frictional, rest_speed=frictional, K=(STAGES + 1 + EXTRA, n),
-                    F=(7, n),
-                    audit_K=(STAGES + 1, n), at_start=events, seen=(STAGES, events), audit_seen=(STAGES, events),
-                    sampled=(NODES + 1, events),
+                    old_slip=frictional, old_corner=(frictional, 4), began=frictional, rest_speed=frictional,
+                    K=(STAGES + 1 + EXTRA, n), F=(7, n), audit_K=(STAGES + 1, n), at_start=events,
+                    seen=(STAGES, events), audit_seen=(STAGES, events), sampled=(NODES + 1, events),
                     bernstein=(2, NODES + 1), progress=(), attempt=())
     s.y[:len(q)], s.y[len(q):], s.corner[:], s.old_corner[:], s.began[:] = q, v, 1, 1, -np.inf
     return s
@@ -199,8 +197,7 @@ def remember(m, w, s):
     Forces in the unit of a guide's normal row.
     """
     n, y, p = len(m.inverse_mass), s.y, s.progress
-    for i in range(n // 3):
-        p.speed = max(p.speed, abs(y[n + 3 * i]), abs(y[n + 3 * i + 1]), abs(y[n + 3 * i + 2]) * m.length_scale)
+    p.speed = max(p.speed, largest_speed(m, y[n:]))
     largest = largest_force(m, w, w.force) if len(m.friction) else 0.0
     for f in range(len(m.friction)):
         normal = m.friction[f].row

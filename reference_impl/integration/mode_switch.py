@@ -20,7 +20,7 @@ from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.integration_state import AT_ONCE, NO_EVENT, State, noise, remember
 from stiction.reference_impl.integration.result import CORNER, REVERSAL, SAME_INSTANT, SLIP, STICK, UNCHANGED, EventLog
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.dynamics import row_form
+from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 from stiction.reference_impl.multibody.projection import project
@@ -264,11 +264,9 @@ def begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
     largest `load` (N) tells what rounding is: that of a sine law near zero is one of its amplitude.
     """
     n = len(m.inverse_mass)
-    for i in range(n):
-        s.progress.speed = max(s.progress.speed, abs(s.y[n + i]) * (m.length_scale if i % 3 == 2 else 1.0))
-    rest_speed = COINCIDENCE * s.progress.speed
+    s.progress.speed = largest_speed(m, s.y[n:])
     for f in range(len(m.friction)):
-        s.rest_speed[f] = rest_speed
+        s.rest_speed[f] = COINCIDENCE * s.progress.speed
     row_form(m, w, 0.0, s.y[:n], s.y[n:])
     _come_to_rest(m, w, s)
     outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed)
@@ -322,11 +320,8 @@ def _foresee_speeds(m, w, s):
 
     Otherwise the scale would be rounding.
     """
-    n, p, h, free = len(m.inverse_mass), s.progress, BEHIND * s.attempt.h, 0.0
-    for i in range(n):
-        free = max(free, abs(w.free[i]) * (m.length_scale if i % 3 == 2 else 1.0))
-    if p.speed > AT_REST * free * s.attempt.h:
+    n, p, h = len(m.inverse_mass), s.progress, BEHIND * s.attempt.h
+    if p.speed > AT_REST * largest_speed(m, w.free) * s.attempt.h:
         return
     right_hand_side(m, w, p.time + h, s.probe, s.slip, s.corner, s.dy)
-    for i in range(n):
-        p.speed = max(p.speed, abs(s.dy[n + i]) * (m.length_scale if i % 3 == 2 else 1.0) * h)
+    p.speed = max(p.speed, largest_speed(m, s.dy[n:]) * h)

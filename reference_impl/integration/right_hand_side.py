@@ -15,7 +15,7 @@ from stiction.reference_impl.friction.frozen_mode import event_functions, solve_
 from stiction.reference_impl.friction.outcomes import SOLVED
 from stiction.reference_impl.friction.uniqueness import COUNTED
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
-from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_form
+from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_acceleration, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
@@ -91,7 +91,4 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
 def _residual_acceleration(m, w, f):
     """Acceleration that the row forces leave a guide at rest (m/s^2), and up to which it is rounding."""
     t = m.rows + f
-    acceleration = -w.right[t]
-    for r in range(len(w.force)):
-        acceleration += w.G[t, r] * w.force[r]
-    return acceleration, HELD * max(abs(w.right[t]), largest_force(m, w, w.force) * sqrt(w.G[t, t]))
+    return row_acceleration(w, t, w.force), HELD * max(abs(w.right[t]), largest_force(m, w, w.force) * sqrt(w.G[t, t]))

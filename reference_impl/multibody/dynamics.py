@@ -123,6 +123,24 @@ def largest_force(m, w, force):
 
 
 @kernel
+def largest_speed(m, v):
+    """The largest speed in v (3 * bodies,), m/s; turning counts at the distance of the mechanism's size."""
+    largest = 0.0
+    for i in range(len(v)):
+        largest = max(largest, abs(v[i]) * (m.length_scale if i % 3 == 2 else 1.0))
+    return largest
+
+
+@kernel
+def row_acceleration(w, r, force):
+    """Acceleration that row forces leave a row beyond what it asks for: G force - right."""
+    left = -w.right[r]
+    for k in range(len(force)):
+        left += w.G[r, k] * force[k]
+    return left
+
+
+@kernel
 def acceleration(m, w, force, a):
     """q'' = M^-1 (Q + J^T force) into a (3 * bodies,)."""
     for i in range(len(a)):

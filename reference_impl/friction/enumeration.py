@@ -12,10 +12,11 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
+from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force
 from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays
 
 LIMIT = 100_000
 """Modes tried at most: 5 guides that stick, 8 that slip; some tenths of a second."""
@@ -67,22 +68,21 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Tab
     if modes(m, stuck) > limit:
         return TOO_MANY
     A, force = np.zeros((nr + nf, nr + nf)), np.zeros(nr + nf)
-    s1, s2, direction = np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64)
+    direction, signs = np.zeros(nf, dtype=np.int64), np.zeros((nf, 2), dtype=np.int64)
     motion, known = np.zeros(len(m.inverse_mass)), np.zeros((len(forces), len(m.inverse_mass)))
     found = 0
     for code in range(int(modes(m, stuck))):
-        _decode(m, code, slip, stuck, direction, s1, s2)
-        fill(m, w, stuck, direction, s1, s2, A, force, compliance)
-        if not solve_in_place(A, force, w.unit, nr + nf, nr + nf) or revise(m, w, stuck, direction, s1, s2, force) >= 0:
+        _decode(m, code, slip, stuck, direction, signs)
+        fill(m, w, stuck, direction, signs, A, force, compliance)
+        if not solve_in_place(A, force, w.unit, nr + nf, nr + nf):
+            continue
+        if revise(m, w, stuck, direction, signs, force) != NO_GUIDE:
             continue
         acceleration(m, w, force, motion)
         if _is_new(m, motion, known[:found], SLACK * _largest_term(m, w, force)):
-            for r in range(nr + nf):
-                forces[found, r] = force[r]
-            for f in range(nf):
-                directions[found, f] = direction[f]
-            for k in range(len(motion)):
-                known[found, k] = motion[k]
+            copy(force, forces[found])
+            copy(direction, directions[found])
+            copy(motion, known[found])
             found += 1
             if found == len(forces):
                 break
@@ -90,19 +90,19 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Tab
 
 
 @kernel
-def _decode(m, code, slip, stuck, direction, s1, s2):
+def _decode(m, code, slip, stuck, direction, signs):
     """The contact mode of a number from 0 to `modes` - 1."""
     for f in range(len(m.friction)):
-        signs = 4 if m.friction[f].length > 0.0 else 2
+        count = 4 if m.friction[f].length > 0.0 else 2
         direction[f] = slip[f]
         if stuck[f]:
-            choice, code = code % (1 + 2 * signs), code // (1 + 2 * signs)
-            direction[f] = 0 if choice == 0 else 1 if choice <= signs else -1
-            choice = max(choice - 1, 0) % signs
+            choice, code = code % (1 + 2 * count), code // (1 + 2 * count)
+            direction[f] = 0 if choice == 0 else 1 if choice <= count else -1
+            choice = max(choice - 1, 0) % count
         else:
-            choice, code = code % signs, code // signs
-        s1[f] = 1 if choice % 2 == 0 else -1
-        s2[f] = s1[f] if choice < 2 else -s1[f]
+            choice, code = code % count, code // count
+        signs[f, 0] = 1 if choice % 2 == 0 else -1
+        signs[f, 1] = signs[f, 0] if choice < 2 else -signs[f, 0]
 
 
 @kernel(allocates=True)
@@ -145,8 +145,8 @@ def _coefficient(m, f, stuck):
 
 
 @kernel
-def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers,  # noqa: PLR0913 - a kernel's arrays
-         s1: Integers, s2: Integers, A: Table, force: Reals, compliance: float) -> None:
+def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, signs: IntegerTable, A: Table, force: Reals,
+         compliance: float) -> None:
     """Fill in the system of a mode.
 
     It has the constraint rows, and per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip; see
@@ -164,7 +164,7 @@ def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers,  # noqa: PL
             A[nr + f, nr + f] += compliance * w.G[nr + f, nr + f]
             continue
         row = m.friction[f].row
-        c_R, c_T = friction_coefficients(m, f, direction[f], s1[f], s2[f], _coefficient(m, f, stuck))
+        c_R, c_T = friction_coefficients(m, f, direction[f], signs[f, 0], signs[f, 1], _coefficient(m, f, stuck))
         for c in range(nr + len(m.friction)):
             A[nr + f, c] = 0.0
         A[nr + f, row + 1] = -c_T
@@ -182,7 +182,7 @@ def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers,  # noqa: PL
 
 
 @kernel
-def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integers, s2: Integers, force: Reals) -> int:
+def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, signs: IntegerTable, force: Reals) -> int:
     """Change, in place, every sign and direction of a mode that its forces contradict.
 
     A guide at rest whose friction exceeds its capacity begins to slip, with the signs that its corner forces have; one
@@ -191,11 +191,9 @@ def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integ
     Returns
     -------
     int
-        The first guide that was contradicted; -1 if the mode is consistent.
+        The first guide that was contradicted; NO_GUIDE if the mode is consistent.
     """
-    nr = m.rows
-    first = -1
-    largest = largest_force(m, w, force)
+    nr, first, largest = m.rows, NO_GUIDE, largest_force(m, w, force)
     for f in range(len(m.friction)):
         guide, d, changed = m.friction[f], direction[f], False
         floor = SLACK * largest / np.sqrt(w.G[guide.row, guide.row])
@@ -210,10 +208,10 @@ def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integ
         if guide.length > 0.0:
             n1, n2 = corner_forces(guide, R, T, -_coefficient(m, f, stuck) * direction[f])
         if d != 0 or changed:
-            if s1[f] * n1 < -floor:
-                s1[f], changed = -s1[f], True
-            if guide.length > 0.0 and s2[f] * n2 < -floor:
-                s2[f], changed = -s2[f], True
+            if signs[f, 0] * n1 < -floor:
+                signs[f, 0], changed = -signs[f, 0], True
+            if guide.length > 0.0 and signs[f, 1] * n2 < -floor:
+                signs[f, 1], changed = -signs[f, 1], True
         if stuck[f] and d != 0:
             along, size = -w.right[nr + f], abs(w.right[nr + f])
             for r in range(nr + len(m.friction)):
@@ -221,6 +219,6 @@ def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, s1: Integ
                 size = max(size, abs(w.G[nr + f, r] * force[r]))
             if d * along < -SLACK * size:
                 direction[f], changed = 0, True
-        if changed and first < 0:
+        if changed and first == NO_GUIDE:
             first = f
     return first

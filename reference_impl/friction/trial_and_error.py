@@ -19,7 +19,7 @@ from stiction.reference_impl.friction.enumeration import fill, revise
 from stiction.reference_impl.friction.frozen_mode import solve_assumed
 from stiction.reference_impl.friction.outcomes import SIGN_CYCLE, SINGULAR, SOLVED
 from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays
 
 
 @kernel(allocates=True)
@@ -45,40 +45,34 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corne
     trials : int
         Linear solves.
     guide : int
-        The first guide whose assumptions the last trial contradicted; -1 if none.
+        The first guide whose assumptions the last trial contradicted, or NO_GUIDE.
     """
     nr, nf = m.rows, len(m.friction)
     size = 0 if len(m.cell) else nr + nf
-    A, signs = np.zeros((size, size)), np.zeros((nf, 2), dtype=np.int64)
-    s1, s2, kept1, kept2, kept = (np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64),
-                                  np.zeros(nf, dtype=np.int64),
-                                  np.zeros(nf, dtype=np.int64), np.zeros(nf, dtype=np.int64))
+    A, signs, kept = np.zeros((size, size)), np.zeros((nf, 2), dtype=np.int64), np.zeros(nf, dtype=np.int64)
     for f in range(nf):
-        s1[f], s2[f], direction[f] = corner[f, 0], corner[f, 1], 0 if stuck[f] else slip[f]
-        kept1[f], kept2[f], kept[f] = s1[f], s2[f], direction[f]
-    trials, renew = 0, 1
+        signs[f, 0], signs[f, 1], direction[f] = corner[f, 0], corner[f, 1], 0 if stuck[f] else slip[f]
+        kept[f] = direction[f]
+    kept_signs, trials, renew = signs.copy(), 0, 1
     while True:
         trials += 1
         if len(m.cell):
-            for f in range(nf):
-                signs[f, 0], signs[f, 1] = s1[f], s2[f]
             regular = solve_assumed(m, w, slip, direction, signs)
             copy(w.force, force)
         else:
-            fill(m, w, stuck, direction, s1, s2, A, force, 0.0)
+            fill(m, w, stuck, direction, signs, A, force, 0.0)
             regular = solve_in_place(A, force, w.unit, nr + nf, nr + nf)
         if not regular:
-            return SINGULAR, trials, -1
-        guide = revise(m, w, stuck, direction, s1, s2, force)
-        if guide < 0:
+            return SINGULAR, trials, NO_GUIDE
+        guide = revise(m, w, stuck, direction, signs, force)
+        if guide == NO_GUIDE:
             for f in range(nf):
-                corner[f, 0], corner[f, 1] = s1[f], s2[f]
+                corner[f, 0], corner[f, 1] = signs[f, 0], signs[f, 1]
             return SOLVED, trials, guide
         # the assumptions are a function of those before, so that a set that returns does so for ever; Brent (1980)
-        if are_equal(s1, kept1) and are_equal(s2, kept2) and are_equal(direction, kept):
+        if are_equal(direction, kept) and are_equal(signs.reshape(-1), kept_signs.reshape(-1)):
             return SIGN_CYCLE, trials, guide
         if trials == renew:
-            copy(s1, kept1)
-            copy(s2, kept2)
+            copy(signs.reshape(-1), kept_signs.reshape(-1))
             copy(direction, kept)
             renew *= 2

@@ -30,7 +30,7 @@ from stiction.reference_impl.integration.integration_state import (AT_ONCE, NO_E
 from stiction.reference_impl.integration.mode_switch import begin, switch_mode
 from stiction.reference_impl.integration.result import EventLog, Run, Samples, breakdown_of, columns_and_events
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, first_several
+from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, end_at_several
 from stiction.reference_impl.integration.step_audit import audit
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace, workspace
@@ -81,6 +81,8 @@ def integrate(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, l
             return outcome
         if not _locate(m, w, s, samples):
             continue
+        if step.critical:
+            end_at_several(m, w, s)
         if not _emit_inside(m, w, s, samples):
             return NOT_FINITE
         outcome = _commit(m, w, s, task)
@@ -148,7 +150,7 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
             p.step = h * max(0.2, 0.9 * error ** -0.125)
         return STEP_TOO_SMALL if p.step <= step.resolution else REPEAT
     step.gain, _ = gain_of_mode(m, w, s.slip)
-    step.critical = max(step.gain, p.gain) > NEARLY_SEVERAL
+    step.critical, step.lost = max(step.gain, p.gain) > NEARLY_SEVERAL, 0
     growth = min(6.0, 0.9 * error ** -0.125) if error > 0.0 else 6.0
     step.proposal = max(p.step, h * growth) if step.reaches_stop or step.aims else h * growth
     return DONE
@@ -200,9 +202,9 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
     if suspicious:
         step.fraction, step.event, slope = first_root(m, w, s)
     step.length, met = h, True
-    step.at_once = (step.event != NO_EVENT and step.fraction < BESIDE
-                    and s.at_start[step.event] <= AT_ONCE * noise(s, step.event))
-    if step.at_once:
+    at_once = (step.event != NO_EVENT and step.fraction < BESIDE
+               and s.at_start[step.event] <= AT_ONCE * noise(s, step.event))
+    if at_once:
         met = False
     elif step.event != NO_EVENT:
         length = step.fraction * h
@@ -217,27 +219,21 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
             p.step = max(p.step, step.stop - t)  # there is none before the stop: a step that ends there
             w.counters.rejected += 1
             return False
-    if step.event != NO_EVENT and not step.at_once and t + step.length > step.stop:
+    if step.event != NO_EVENT and not at_once and t + step.length > step.stop:
         take_step(m, w, s, t, h)
         step.length, step.event, met = h, NO_EVENT, True
     if not met and p.missed < MISSES:
         # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
-        p.step = 0.5 * (1.0 if step.at_once else max(step.fraction, BESIDE)) * h
+        p.step = 0.5 * (1.0 if at_once else max(step.fraction, BESIDE)) * h
         p.missed += 1
         w.counters.rejected += 1
         return False
     step.shorter = step.event != NO_EVENT
-    if step.at_once:
+    if at_once:
         step.length = 0.0
     elif not met and w.event[step.event] > noise(s, step.event):
         step.event = NO_EVENT  # it comes near zero, and does not pass it
     p.missed = 0
-    step.lost, step.counted = 0, 0.0
-    if step.critical:
-        lost, fraction, step.counted = first_several(m, w, s, step.length / h)
-        step.lost, step.fraction = lost, fraction
-        if lost:
-            step.length = fraction * h
     return True
 
 
@@ -289,7 +285,7 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
         return SEVERAL
     t_new = step.stop if step.reaches_stop and not step.shorter else t + step.length
     has_rows = step.has_rows != 0 and step.shorter == 0 and t_new == t + step.h
-    if step.event == NO_EVENT and not step.shorter:
+    if not step.shorter:
         for e in range(len(w.event)):
             distance = zero_near_end(s.at_start, s.seen, e)
             if BESIDE < distance < p.aim / step.h:

@@ -98,8 +98,6 @@ class Attempt(Record):
     """Time that it must not pass, s"""
     resolution: float
     """Distance of times that can be resolved there, s"""
-    error: float
-    """Estimated; 1 is at the tolerance"""
     proposal: float
     """The step after it, s"""
     length: float
@@ -115,8 +113,6 @@ class Attempt(Record):
     reaches_stop: int
     aims: int
     """It aims at an expected event"""
-    at_once: int
-    """Its event is at its start"""
     has_rows: int
     """The workspace has the rows of its end"""
     shorter: int

@@ -28,7 +28,17 @@ counted."""
 
 
 @kernel
-def first_several(m: Arrays, w: Workspace, s: State, fraction: float) -> tuple[bool, float, float]:
+def end_at_several(m: Arrays, w: Workspace, s: State) -> None:
+    """End the step that is made where several motions begin, if they do so within it."""
+    step = s.attempt
+    lost, step.fraction, step.counted = _first_several(m, w, s, step.length / step.h)
+    step.lost = lost
+    if lost:
+        step.length = step.fraction * step.h
+
+
+@kernel
+def _first_several(m, w, s, fraction):
     """Return whether the first `fraction` of the step has several motions, from where on, and where to count them."""
     low, below = 0.0, True
     for i in range(1, GAIN_SAMPLES + 1):

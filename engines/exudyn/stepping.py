@@ -150,7 +150,8 @@ class Stepper:
             if k % every == 0 or k == last:
                 samples.append(self._sample())
                 restarted = self.switches[-1].after.t if self.switches else 0.0
-                if self.guides and samples[-1].t - restarted < TRANSIENT * self.dt:
+                is_short = k == last and last > whole and grid[last] - whole < SHORTEST_STEP
+                if is_short or self.guides and samples[-1].t - restarted < TRANSIENT * self.dt:
                     transient.append(len(samples) - 1)
         self.counters["newton"] = self.solver.newton_steps
         for i in transient:

@@ -347,6 +347,14 @@ def test_a_start_in_motion_settles_where_all_friction_would_not(engine):
     assert found.termination == "end" and np.abs(found["rod.angle"] - expected["rod.angle"]).max() < 1e-5
 
 
+@pytest.mark.parametrize("dt", [0.00033333333, 0.00099999999])
+def test_a_last_step_that_is_all_but_nothing_keeps_the_forces(engine, dt):
+    """A step of 1e-8 s divides rounding by its square; the forces at the end are those just before, as nothing happens there."""
+    run = engine.simulate(load_scene("slider-bar-case-1"), t_end=1.0, dt=dt, output_step=10 * dt)
+    for column in ("motor.effort", "guide.normal_force"):
+        assert run[column][-1] == pytest.approx(run[column][-2], rel=1e-6)
+
+
 def test_a_start_at_a_dead_centre(engine):
     """The crank turns at a given rate, so that the slider rests for an instant alone: x = r cos wt + sqrt(l^2 - (r sin wt)^2)."""
     r, rod, w = 0.15, 0.55, 3.0

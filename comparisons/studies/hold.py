@@ -70,11 +70,11 @@ BAND = {"exponent": 0.2, "ratio": 0.01}
 """A law is obeyed if what is found, with its interval, is no farther from it: other exponents in question are 0, 1/2,
 2; of a predicted creep 1 % is left for what has not settled when the measurement begins."""
 ENDS = 1e-13, 1e-2
-"""m/s: slower creep stands at the lower edge of a figure, and what lets go at the upper one."""
+"""m/s: slower creep stands at the lower edge of a figure, and faster slip at the upper one."""
 SLOWEST = 4.0
 """Time over the default's: slower settings stand at the edge of the figure."""
 SPEEDS = Axis("creep [m/s]", log=True, limits=(ENDS[0] / 3, 3 * ENDS[1]))
-EDGES = f"What does not creep stands at {ENDS[0]:g} m/s, what lets go at {ENDS[1]:g} m/s."
+EDGES = f"Rest, and slower creep, stand at {ENDS[0]:g} m/s, faster slip at {ENDS[1]:g} m/s."
 REST = "none: it rests"
 """What the creep of the reference grows with, by its law."""
 OBEYED, BROKEN, OPEN = "obeyed", "broken", "inconclusive"
@@ -250,9 +250,10 @@ def tried(scope: Scope) -> Iterator[Variant]:
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
-    """Every method on every scene and load of the depth, or on the one scene that is given; in full settings, too.
+    """Every method on every scene and load of the depth, or on the one scene that is given.
 
-    Contacts have one coefficient, mus = mu, as most engines' own have. Settings are tried with loads up to `USUAL`.
+    At full depth the settings as well, with loads up to `USUAL`. Contacts have one coefficient, mus = mu, as most
+    engines' own have.
     """
     data = load_data()
     depth = data.depths[scope.depth]
@@ -316,7 +317,7 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
     exact, unsure = true.value
     if trial.test == STOP:
         return row | {STOPPED: found.landing - exact.landing, STOP_UNSURE: unsure}
-    return row | _break_away(trial.scene, found, exact)
+    return row | _break_away(trial, found, exact)
 
 
 def _creep(trial: Trial, found: Slip, ends: Trajectory) -> dict[str, Any]:
@@ -337,13 +338,14 @@ def _part_of_bound(scene: Scene, ends: Trajectory) -> float:
     return abs(float(ends[f"{name}.friction"][-1])) / bound if bound > 0 else math.nan
 
 
-def _break_away(scene: Scene, found: Slip, exact: Slip) -> dict[str, Any]:
+def _break_away(trial: Trial, found: Slip, exact: Slip) -> dict[str, Any]:
     """The load at which it lets go less the truth's, both at the same speed; a slider that never does has a bound."""
     if exact.let_go is None:
         return {"truth note": f"the truth does not reach {LET_GO:g} m/s"}
-    rate = scene.parameters["ramp"]
-    let_go = scene.t_end if found.let_go is None else found.let_go
-    row: dict[str, Any] = {BREAK_AWAY: rate * (let_go - exact.let_go), BREAK_UNSURE: rate * OUTPUT[RAMP]}
+    rate = trial.scene.parameters["ramp"]
+    let_go = trial.scene.t_end if found.let_go is None else found.let_go
+    sampled = max(OUTPUT[RAMP], trial.step if trial.variant.parameter == "dt" else 0.0)
+    row: dict[str, Any] = {BREAK_AWAY: rate * (let_go - exact.let_go), BREAK_UNSURE: rate * sampled}
     if found.let_go is None:
         row["bound"] = "≥"
     elif found.let_go <= LANDING:
@@ -571,7 +573,8 @@ def _most_helpful(settings: pd.DataFrame, best: Sequence[int]) -> TracedText:
 def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
     """The verdict on the reference, and those on laws, each kind in a sentence."""
     for label, row in laws[laws["over"] == REST].iterrows() if len(laws) else ():
-        yield traced(f"The reference {'rests' if row['verdict'] == OBEYED else 'creeps'} ({{}} runs).",
+        words = {OBEYED: "rests", BROKEN: "creeps", OPEN: "rests where it ran, and has runs that failed"}
+        yield traced(f"The reference {words[row['verdict']]} ({{}} runs).",
                      value("hold-laws", laws, int(label), "runs", ".0f"))
     for word in (BROKEN, OBEYED, OPEN) if len(laws) else ():
         found = [traced("{} over {}{}", row[SUBJECT], row["over"], _found(laws, int(label)))
@@ -583,13 +586,7 @@ def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
 def _found(laws: pd.DataFrame, label: int) -> TracedText:
     if pd.isna(laws.at[label, FOUND]):
         return TracedText()
-    return traced(" ({} {})", str(laws.at[label, "kind"]), interval("hold-laws", _rounded(laws), label, FOUND,
-                                                                    FOUND_UNSURE))
-
-
-def _rounded(laws: pd.DataFrame) -> pd.DataFrame:
-    """Laws with what is found to three digits at most."""
-    return laws.assign(**{FOUND_UNSURE: laws[FOUND_UNSURE].astype(float).clip(lower=5e-3)})
+    return traced(" ({} {})", str(laws.at[label, "kind"]), interval("hold-laws", laws, label, FOUND, FOUND_UNSURE))
 
 
 def _published(published: pd.DataFrame) -> TracedText:
@@ -654,7 +651,7 @@ def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, 
                     Column("failed")))
     if len(laws):
         yield view("hold-laws", "Laws of creep over a setting: the exponent with which it grows, or the farthest ratio "
-                   "of creep to what the law predicts.", _rounded(laws),
+                   "of creep to what the law predicts.", laws,
                    (Column(SUBJECT, "engine"), Column("over"), Column("kind"), Column("law [-]", "law", form="g"),
                     Column(FOUND, "found", "", FOUND_UNSURE, interval=True), Column("runs"),
                     Column("verdict"), Column("source", brief=False)))
@@ -730,8 +727,8 @@ def _over_cost(settings: pd.DataFrame) -> Chart:
                   if chosen.any()]
         panels.append(Panel(str(subject), Axis("time, of the default's", limits=(0.0, 1.05 * SLOWEST)), SPEEDS, series))
     return Chart("hold-settings", "Creep against engine time with each setting, one changed at a time: the fastest "
-                 f"creep of all scenes and loads. {EDGES} So does a time of {SLOWEST:g} and more.", panels, columns=2,
-                 height=1.5, share_x=True, share_y=True)
+                 f"creep of all scenes and loads. {EDGES} A time of {SLOWEST:g} and more stands at {SLOWEST:g}.",
+                 panels, columns=2, height=1.5, share_x=True, share_y=True)
 
 
 STUDY = Study("hold", "Hold", "Does it hold, below the limit of static friction?", 4.5, present, plan, seconds=0.1,

@@ -182,7 +182,7 @@ class Paper:
         return HLCP(A0, A1, b, M, QE, J, W_T, mt, V)
 
     def solve(self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray) -> Solution:
-        """Solve the HLCP by Lemke's method, and eq. (24) for the accelerations.
+        """Solve the HLCP by Lemke's method, and eq. (33) for the accelerations.
 
         Raises
         ------

@@ -55,7 +55,7 @@ WITH_STICK, WITHOUT_STICK = "F0 with stick [N]", "F0 without stick [N]"
 
 @dataclass(frozen=True)
 class Threshold:
-    """A bracket of the threshold: the larger F0 seen with and the smallest seen without a stick phase, N.
+    """A bracket of the threshold: the largest F0 seen with and the smallest seen without a stick phase, N.
 
     With located events the settling is followed by the return map (`settled`): `settle_periods` were needed, and
     `residual` (N) is what the rest of the transient can shift a threshold by. `creep_speed` is the median speed (m/s)
@@ -269,9 +269,10 @@ def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float
                          true: Mapping[bool, StickThreshold]) -> Comparison[pd.DataFrame]:
     """The stick threshold of variants along their refinement series: `threshold_table`.
 
-    The first search starts at the scene's own amplitude, which knows nothing of the truth, finer ones at the variant's
-    own coarser bracket. Each ends with a bracket of `width` newton (with located events: `LOCATED_WIDTH`). The bracket
-    is the variant's own: it was seen to stick at one end and not at the other.
+    The first search begins at the scene's own amplitude, finer ones at the variant's own coarser bracket. Only the
+    range of a search uses the truth: from half the smaller to twice the larger of that amplitude and the true one.
+    Each ends with a bracket of `width` newton (with located events: `LOCATED_WIDTH`). The bracket is the variant's
+    own: it was seen to stick at one end and not at the other.
 
     Parameters
     ----------

@@ -9,9 +9,9 @@ after one run that is not counted, and its sample is their median: what lasts as
 have as many rounds as required, slow ones and fast ones. Those whose interval (`stiction.comparisons.timing.intervals`)
 is `WIDE` then have more, up to `MOST`.
 
-The calibration kernel (`calibration_kernel`) is timed in each visit before and after the run, which takes some 2 ms,
-and each round has the load by others. Neither corrects a time or enters a verdict: the table of
-samples and the provenance (`stiction.comparisons.timing.timed_runs.machine_while_timing`) have both.
+The calibration kernel (`calibration_kernel`) is timed in each visit, 2 ms in all before and after the run, and each
+round has the load by others. Neither corrects a time or enters a verdict: the table of samples and the provenance
+(`stiction.comparisons.timing.timed_runs.machine_while_timing`) have both.
 """
 
 from __future__ import annotations

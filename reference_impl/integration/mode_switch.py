@@ -89,12 +89,10 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
 
 @kernel
 def _examine_event(m, w, s, event):
-    """Look at the event at the state.
+    """Return if the mode switches at the event, by which of the guide's event functions, and if it is decided behind.
 
-    The mode switches or goes on there, the guide's event function, and decided behind it or not.
-
-    It is decided just behind where the guide is unloaded. A guide at rest goes on if it holds there, or on another
-    branch of its capacity.
+    Where the guide is unloaded, the forces just behind the instant decide (`_look_behind`). A guide at rest that holds
+    there, or on another branch of its capacity, does not switch.
     """
     guide, function, p, slip = event // 3, event % 3, s.progress, s.slip
     unloaded = most_capacity(m, w, guide) <= UNLOADED * p.force
@@ -174,14 +172,15 @@ def _come_to_rest(m: Arrays, w: Workspace, s: State) -> None:
     held, t, n = np.zeros(len(m.friction), dtype=np.bool_), s.progress.time, len(m.inverse_mass)
     q, v = s.y[:n], s.y[n:]
     for f in range(len(m.friction)):
-        held[f] = 0.0 <= abs(w.slip_speed[f]) <= s.rest_speed[f]
+        held[f] = abs(w.slip_speed[f]) <= s.rest_speed[f]
     if not rest_together(m, w, held, s.progress.speed, v):
         return
     for f in range(len(m.friction)):
         if held[f]:
             s.rest_speed[f] = HOLDS
     if m.baumgarte_beta2 > 0.0:
-        # what is at rest cannot follow the acceleration by which Baumgarte's terms would take back a residual
+        # what is at rest cannot follow the acceleration by which Baumgarte's terms would take back a residual; the
+        # velocities meet their constraints already, so that only positions are left, on which beta acts
         row_form(m, w, t, q, v)
         project(m, w, t, q, v, s.slip, False, 2)
 

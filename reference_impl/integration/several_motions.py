@@ -39,7 +39,11 @@ def end_at_several(m: Arrays, w: Workspace, s: State) -> None:
 
 @kernel
 def _first_several(m, w, s, fraction):
-    """Return whether the first `fraction` of the step has several motions, from where on, and where to count them."""
+    """Search the first `fraction` of the step for several motions.
+
+    Returns whether they begin in it, at which fraction, and the one just behind where they can be counted: where they
+    begin the linear system is singular.
+    """
     low, below = 0.0, True
     for i in range(1, GAIN_SAMPLES + 1):
         high = fraction * i / GAIN_SAMPLES

@@ -1,6 +1,6 @@
 """Applied forces and the row form of the equations of motion, compiled.
 
-With the rows of `kinematics` (constraints, then tangential rows), eq. (24) is q'' = M^-1 (Q + J^T force), where `force`
+With the rows of `kinematics` (constraints, then tangential rows), eq. (33) is q'' = M^-1 (Q + J^T force), where `force`
 holds the multipliers and the frictions on the sliders, and eq. (25) becomes G force = right with G = J M^-1 J^T.
 The HLCP and the contact modes are formed from G alone.
 """

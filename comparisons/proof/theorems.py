@@ -22,7 +22,7 @@ DATA = Path(str(resources.files("stiction.comparisons") / "data"))
 
 
 class Contradiction(StictionError, AssertionError):
-    """A truth in floats, or a threshold, that differs from what is proven by more than its uncertainty."""
+    """A truth in floats that differs from what is proven by more than its uncertainty."""
 
 
 @dataclass(frozen=True)
@@ -48,17 +48,12 @@ def certificates() -> list[Path]:
     return sorted(DATA.glob("threshold-*.json"))
 
 
-def with_theorem(scene: Scene, found: StickThreshold) -> StickThreshold:
-    """A threshold with its proven interval where the scene is that of a theorem; as it is otherwise.
-
-    Raises Contradiction if it is not within the interval.
-    """
+def threshold_of_theorem(scene: Scene) -> StickThreshold | None:
+    """Return the proven threshold where the scene is that of a theorem; its uncertainty is half the interval."""
     mechanism = SliderBar.from_scene(scene)
     for theorem in map(Theorem.read, certificates()):
         if replace(mechanism, F0=theorem.mechanism.F0) == theorem.mechanism:
-            middle, half = float((theorem.low + theorem.high) / 2), float(theorem.high - theorem.low) / 2
-            if found.F0 is not None and not abs(found.F0 - middle) <= half + (found.uncertainty or 0.0):
-                raise Contradiction(f"{scene.name}: found the threshold {found.F0!r} +/- {found.uncertainty:.2g} N; "
-                                    f"proven is {middle!r} +/- {half:.2g} N")
-            return replace(found, F0=middle, uncertainty=half, theorem=" ".join(theorem.sentences))
-    return found
+            middle, half = (theorem.low + theorem.high) / 2, (theorem.high - theorem.low) / 2
+            return StickThreshold(float(middle), float(half), (float(theorem.low), float(theorem.high)),
+                                  theorem=" ".join(theorem.sentences))
+    return None

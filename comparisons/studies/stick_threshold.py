@@ -15,7 +15,7 @@ from stiction.comparisons.measures.settling import MOST_PERIODS, SETTLED, NotSet
 from stiction.comparisons.methods import MISSING_ENGINE, called
 from stiction.comparisons.presentation import (Axis, Chart, Column, Headline, Number, Panel, Presentation, Series,
                                                TracedText, interval, listed, traced, view)
-from stiction.comparisons.proof.theorems import with_theorem
+from stiction.comparisons.proof.theorems import threshold_of_theorem
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import HIGH_PRECISION, NO_TRUTH, PROVEN, StickThreshold, stick_threshold
@@ -246,7 +246,7 @@ def around(stuck: Callable[[float], bool], near: float, low: float, high: float,
 def true_thresholds(scene: Scene) -> Comparison[dict[bool, StickThreshold]]:
     """The threshold of the reduced solution, for the physics with and without a static coefficient of its own.
 
-    It has its proven interval where the suite has a theorem, and its reason where it failed.
+    Where the suite has a theorem it is the proven interval, and nothing is computed; one that failed has its reason.
 
     Raises
     ------
@@ -255,14 +255,17 @@ def true_thresholds(scene: Scene) -> Comparison[dict[bool, StickThreshold]]:
     """
     with_threshold(scene)
     physics = {has_mus: physics_of(scene, has_mus) for has_mus in (False, True)}
+    proven = {has_mus: threshold_of_theorem(varied) for has_mus, varied in physics.items()}
+    sought = [has_mus for has_mus in physics if proven[has_mus] is None]
 
     def tabulate(outcomes: Sequence[Outcome]) -> dict[bool, StickThreshold]:
-        return {has_mus: with_theorem(physics[has_mus], outcome.value or StickThreshold(
-            None, None, (np.nan, np.nan), f"{outcome.status}: {outcome.reason}"))
-            for has_mus, outcome in zip(physics, outcomes, strict=True)}
+        found = {has_mus: outcome.value or StickThreshold(None, None, (np.nan, np.nan),
+                                                          f"{outcome.status}: {outcome.reason}")
+                 for has_mus, outcome in zip(sought, outcomes, strict=True)}
+        return {has_mus: threshold or found[has_mus] for has_mus, threshold in proven.items()}
 
-    return Comparison(tuple(Task(f"threshold/{truth_key(scene.name, has_mus)}/truth", stick_threshold, (varied,))
-                            for has_mus, varied in physics.items()), tabulate)
+    return Comparison(tuple(Task(f"threshold/{truth_key(scene.name, has_mus)}/truth", stick_threshold,
+                                 (physics[has_mus],)) for has_mus in sought), tabulate)
 
 
 def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float,

@@ -15,8 +15,7 @@ import inspect
 import logging
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cached_property, partial, update_wrapper
 from typing import Any, TypeVar, cast, get_type_hints, overload
 
@@ -150,8 +149,13 @@ class Linked:
             _log.info(f"compiling a kernel, once for an installation: {place}{self.name}")
         started = time.process_time()
         arguments, returned = self._types
-        with _collecting_nothing():
+        collects = gc.isenabled()
+        gc.disable()  # numba makes millions of objects that stay: to look at them takes a fifth of its time
+        try:
             repeat_if_damaged(self._kernel, lambda: self._kernel.compile(arguments))
+        finally:
+            if collects:
+                gc.enable()
         compiled = self._kernel.overloads[arguments]
         found = compiled.signature.return_type
         if found != returned:
@@ -205,21 +209,6 @@ class Linked:
         with builder.if_then(status.is_error, likely=False):
             convention.return_status_propagate(builder, status)
         return result
-
-
-@contextmanager
-def _collecting_nothing() -> Iterator[None]:
-    """numba makes millions of objects that stay.
-
-    The garbage collector, which looks at them again and again, takes a fifth of its time.
-    """
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collects:
-            gc.enable()
 
 
 def compiling_seconds() -> float:

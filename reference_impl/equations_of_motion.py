@@ -41,8 +41,8 @@ class Moving:
     gamma: np.ndarray
 
     def __sub__(self, other: Moving) -> Moving:
-        return Moving(self.value - other.value, self.jacobian - other.jacobian, self.rate - other.rate, self.gamma
-                      - other.gamma)
+        return Moving(self.value - other.value, self.jacobian - other.jacobian, self.rate - other.rate,
+                      self.gamma - other.gamma)
 
     def __getitem__(self, i: int) -> Moving:
         """A component of a vector."""
@@ -61,8 +61,7 @@ class Moving:
         def turn(x: np.ndarray) -> np.ndarray:
             return np.stack([-x[..., 1], x[..., 0]], -1)
         return Moving(turn(self.value), np.stack([-self.jacobian[..., 1, :], self.jacobian[..., 0, :]], -2),
-                      turn(self.rate),
-                      turn(self.gamma))
+                      turn(self.rate), turn(self.gamma))
 
     def norm(self) -> Moving:
         """The length d of a vector, from d^2: 2 d d' = (d^2)', 2 d d'' + 2 d'^2 = (d^2)''."""
@@ -253,7 +252,5 @@ class _Motion:
 
 def _stacked(rows: list[Moving], motion: _Motion, parts: tuple[str, ...]) -> list[np.ndarray]:
     """The parts of all rows, shape (..., rows) and, of jacobians, (..., rows, k)."""
-    empty = {part: np.zeros((*motion.t.shape, 0, *motion.q.shape[-1:])[:motion.t.ndim
-                                                                       + (2 if part == "jacobian" else 1)])
-             for part in parts}
-    return [np.stack([getattr(row, part) for row in rows], motion.t.ndim) if rows else empty[part] for part in parts]
+    axis, rows = motion.t.ndim, [motion.constant(0.0), *rows]  # the first has the shape where there are no others
+    return [np.delete(np.stack([getattr(row, part) for row in rows], axis), 0, axis) for part in parts]

@@ -14,7 +14,7 @@ from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTabl
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction import hlcp
-from stiction.reference_impl.friction.coulomb import corner_forces
+from stiction.reference_impl.friction.coulomb import coefficient, corner_forces
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.outcomes import MODE_LIMIT, NONE, SIGN_CYCLE, SOLVED
 from stiction.reference_impl.friction.solvers import AUTOMATIC, ENUMERATION, LEMKE, TRIAL
@@ -71,11 +71,8 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
         copy(forces[0], w.force)
         copy(directions[0], direction)
         for f in range(nf):
-            guide = m.friction[f]
-            R, mu = w.force[guide.row], guide.mus if stuck[f] else guide.mu
-            n1, n2 = R, R
-            if guide.length > 0.0:
-                n1, n2 = corner_forces(guide, R, w.force[guide.row + 1], -mu * direction[f])
+            guide, mu = m.friction[f], coefficient(m, f, stuck)
+            n1, n2 = corner_forces(guide, w.force[guide.row], w.force[guide.row + 1], -mu * direction[f])
             corner[f, 0], corner[f, 1] = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
     for f in range(nf):
         accelerate[f] = 0.0

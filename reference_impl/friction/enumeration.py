@@ -13,8 +13,8 @@ from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTabl
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients
-from stiction.reference_impl.multibody.dynamics import acceleration, largest_force
+from stiction.reference_impl.friction.coulomb import capacity, coefficient, corner_forces, friction_coefficients
+from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, largest_speed, row_acceleration
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays
 
@@ -41,28 +41,22 @@ def modes(m, stuck):
 
 @kernel(allocates=True)
 def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Table, directions: IntegerTable,
-              compliance: float = 0.0,
-              limit: int = LIMIT) -> int:
+              compliance: float = 0.0, limit: int = LIMIT) -> int:
     """The consistent contact modes of the rows in the workspace; the static coefficient holds for every guide at rest.
 
     Parameters
     ----------
-    slip, stuck : ndarray, shape (frictional,)
+    slip, stuck, compliance
         As in `hlcp.assemble`.
     forces : ndarray, shape (k, rows + frictional)
         Receives the row forces of the first k solutions whose accelerations differ; the search ends with the k-th.
     directions : ndarray of int, shape (k, frictional)
         Receives the direction in which each guide slips or begins to; 0 for one that stays at rest.
-    compliance : float
-        As in `hlcp.assemble`.
-    limit : int
-        Modes to be tried at most.
 
     Returns
     -------
     int
-        The number of solutions found, of those whose linear system is regular, or TOO_MANY if there are more than
-        `limit` modes.
+        The number of solutions found, of those whose linear system is regular; TOO_MANY of more than `limit` modes.
     """
     nr, nf = m.rows, len(m.friction)
     if modes(m, stuck) > limit:
@@ -107,18 +101,13 @@ def _decode(m, code, slip, stuck, direction, signs):
 
 @kernel(allocates=True)
 def _largest_term(m: Arrays, w: Workspace, force: Reals) -> float:
-    """The largest sum of the sizes of the terms of an acceleration, of which rounding is a part.
-
-    Angles by the mechanism's size.
-    """
-    terms, largest = np.abs(w.free), 0.0
+    """The largest sum of the sizes of the terms of an acceleration, of which rounding is a part."""
+    terms = np.abs(w.free)
     for b in range(len(m.block)):
         i, r, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
         for c in range(3):
             terms[k + c] += abs(w.JM[i + c] * force[r])
-    for j in range(len(terms)):
-        largest = max(largest, terms[j] * (m.length_scale if j % 3 == 2 else 1.0))
-    return largest
+    return largest_speed(m, terms)
 
 
 @kernel
@@ -139,45 +128,33 @@ def _is_new(m, motion, known, rounding):
 
 
 @kernel
-def _coefficient(m, f, stuck):
-    """Coefficient of a slip: the static one for a guide that was at rest."""
-    return m.friction[f].mus if stuck[f] else m.friction[f].mu
-
-
-@kernel
 def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, signs: IntegerTable, A: Table, force: Reals,
          compliance: float) -> None:
-    """Fill in the system of a mode.
-
-    It has the constraint rows, and per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip; see
-    `frozen_mode`).
-    """
+    """The system of a mode: constraint rows, and of each guide its tangential row (rest) or its law of slip."""
     nr = m.rows
-    for r in range(nr + len(m.friction)):
+    for r in range(len(force)):
         force[r] = w.right[r]
-        for c in range(nr + len(m.friction)):
+        for c in range(len(force)):
             A[r, c] = w.G[r, c]
-        if r < nr:
-            A[r, r] += compliance * w.G[r, r]
+        A[r, r] += compliance * w.G[r, r]
     for f in range(len(m.friction)):
         if direction[f] == 0:
-            A[nr + f, nr + f] += compliance * w.G[nr + f, nr + f]
             continue
         row = m.friction[f].row
-        c_R, c_T = friction_coefficients(m, f, direction[f], signs[f, 0], signs[f, 1], _coefficient(m, f, stuck))
-        for c in range(nr + len(m.friction)):
+        c_R, c_T = friction_coefficients(m, f, direction[f], signs[f, 0], signs[f, 1], coefficient(m, f, stuck))
+        for c in range(len(force)):
             A[nr + f, c] = 0.0
         A[nr + f, row + 1] = -c_T
         A[nr + f, row] = -c_R
         A[nr + f, nr + f] = 1.0
         force[nr + f] = 0.0
-    for r in range(nr + len(m.friction)):  # rows of unit size, so that a system near a singular one is told from that
+    for r in range(len(force)):  # rows of unit size, so that a system near a singular one is told from that
         size = 0.0
-        for c in range(nr + len(m.friction)):
+        for c in range(len(force)):
             size = max(size, abs(A[r, c]))
         if size > 0.0:
             force[r] /= size
-            for c in range(nr + len(m.friction)):
+            for c in range(len(force)):
                 A[r, c] /= size
 
 
@@ -204,20 +181,17 @@ def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, signs: In
             elif capacity(m, f, R, T, -1.0) - friction < -floor:
                 direction[f] = -1
             changed = direction[f] != 0
-        n1, n2 = R, R
-        if guide.length > 0.0:
-            n1, n2 = corner_forces(guide, R, T, -_coefficient(m, f, stuck) * direction[f])
+        n1, n2 = corner_forces(guide, R, T, -coefficient(m, f, stuck) * direction[f])
         if d != 0 or changed:
             if signs[f, 0] * n1 < -floor:
                 signs[f, 0], changed = -signs[f, 0], True
-            if guide.length > 0.0 and signs[f, 1] * n2 < -floor:
+            if signs[f, 1] * n2 < -floor:
                 signs[f, 1], changed = -signs[f, 1], True
         if stuck[f] and d != 0:
-            along, size = -w.right[nr + f], abs(w.right[nr + f])
-            for r in range(nr + len(m.friction)):
-                along += w.G[nr + f, r] * force[r]
+            size = abs(w.right[nr + f])
+            for r in range(len(force)):
                 size = max(size, abs(w.G[nr + f, r] * force[r]))
-            if d * along < -SLACK * size:
+            if d * row_acceleration(w, nr + f, force) < -SLACK * size:
                 direction[f], changed = 0, True
         if changed and first == NO_GUIDE:
             first = f

@@ -25,7 +25,7 @@ from stiction.reference_impl.multibody import baumgarte
 from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row, solve_cell
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
-from stiction.reference_impl.multibody.singular_positions import shortest_forces
+from stiction.reference_impl.multibody.singular_positions import pivots_are_above, shortest_forces
 
 ALL = -1.0
 """Argument `least` of `choose_branches` that no capacity is below: it looks at all guides at rest."""
@@ -33,34 +33,20 @@ ALL = -1.0
 
 @kernel
 def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
-    """Row forces of the mode into w.force.
+    """Row forces of the mode into w.force: of d in `slip` (0 for stick), s1 and s2 in the first columns of `corner`.
 
-    Parameters
-    ----------
-    slip : ndarray of int, shape (frictional,)
-        d of each frictional guide, 0 for stick.
-    corner : ndarray of int, shape (frictional, 2)
-        s1, s2 (a guide without length uses the first).
-
-    Returns
-    -------
-    bool
-        False if the system was singular and solved in the minimum-norm sense; the forces are nan if it is
-        contradictory.
+    False if the system was singular and solved in the minimum-norm sense; the forces are nan if it is contradictory.
     """
     if len(m.cell):
         return _solve_cells(m, w, slip, corner)
     nr, nf = m.rows, len(m.friction)
-    _fill(m, w, slip, corner)
-    n = nr
-    for f in range(nf):
-        n += 1 if slip[f] == 0 else 0
+    n = _fill(m, w, slip, corner)
     regular = eliminate(w.A, w.x, w.unit, n, n, RANK_TOLERANCE if nf > 0 else ELIMINATION)
     if not regular and nf == 0:
-        _solve_without_friction(m, w)
+        shortest_forces(m, w)
         return False
     if not regular:
-        if baumgarte.is_used(m) and n > nr and _are_independent(w, nr):
+        if baumgarte.is_used(m) and n > nr and pivots_are_above(m, w, RANK_TOLERANCE):
             for r in range(nr):
                 baumgarte.leave_out(w, r)
         _fill(m, w, slip, corner)
@@ -75,23 +61,15 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
             w.force[nr + f] = w.x[n]
             n += 1
         else:
-            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
-            r = m.friction[f].row
-            w.force[nr + f] = c_R * w.x[r] + c_T * w.x[r + 1]
+            w.force[nr + f] = friction_of(m, f, slip, corner, w.x)
     return regular
 
 
 @kernel
-def _are_independent(w, nr):
-    """Return True where the constraint rows are, without those of guides at rest.
-
-    The scratch of the workspace is used.
-    """
-    for r in range(nr):
-        w.x[r] = 0.0
-        for c in range(nr):
-            w.A[r, c] = w.G[r, c]
-    return solve_in_place(w.A, w.x, w.unit, nr, nr)
+def friction_of(m, f, slip, corner, force):
+    """Friction of a guide that slips, from the forces of its rows."""
+    c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
+    return c_R * force[m.friction[f].row] + c_T * force[m.friction[f].row + 1]
 
 
 @kernel
@@ -103,7 +81,7 @@ def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) 
         n = _fill_cell(m, w, c, slip, slip, corner, band)
         if not solve_in_place(w.A, w.x, w.unit, n, band, ELIMINATION if without_friction else RANK_TOLERANCE):
             if without_friction:
-                _solve_without_friction(m, w)
+                shortest_forces(m, w)
                 return False
             all_regular = False
             rests = False
@@ -120,14 +98,6 @@ def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) 
         for k in range(n):
             w.force[m.order[first + k]] = w.x[k]
     return all_regular
-
-
-@kernel
-def _solve_without_friction(m: Arrays, w: Workspace) -> None:
-    """Forces of all constraint rows, dependent or nearly so; nan if they contradict each other."""
-    if not shortest_forces(m, w) <= CONTRADICTION:
-        for r in range(m.rows):
-            w.force[r] = np.nan
 
 
 @kernel
@@ -163,39 +133,52 @@ def _fill_cell(m, w, c, slip, direction, corner, reach):
 
 
 @kernel(inline=True)
+def held_rows(m, w, slip, released):
+    """G of the constraint rows, and behind them of guides at rest unless they are `released`, into w.A.
+
+    Returns their number.
+    """
+    n = m.rows
+    for r in range(m.rows):
+        for c in range(m.rows):
+            w.A[r, c] = w.G[r, c]
+    for f in range(len(m.friction)):
+        if slip[f] != 0 or released:
+            continue
+        t, k = m.rows + f, m.rows
+        for r in range(m.rows):
+            w.A[r, n], w.A[n, r] = w.G[r, t], w.G[t, r]
+        for other in range(f + 1):
+            if slip[other] == 0:
+                w.A[n, k], w.A[k, n] = w.G[t, m.rows + other], w.G[m.rows + other, t]
+                k += 1
+        n += 1
+    return n
+
+
+@kernel(inline=True)
 def _fill(m, w, slip, corner):
-    """The system of the mode into w.A, w.x: constraint rows, then the tangential rows of stuck guides."""
-    nr, nf = m.rows, len(m.friction)
+    """The system of the mode into w.A, w.x: constraint rows, then the tangential rows of stuck guides; its size."""
+    nr, nf, n = m.rows, len(m.friction), held_rows(m, w, slip, False)
     for r in range(nr):
         w.x[r] = w.right[r]
-        for c in range(nr):
-            w.A[r, c] = w.G[r, c]
-    n = nr
+    k = nr
     for f in range(nf):
-        t = nr + f
+        t, normal, row = nr + f, m.friction[f].row, nr
         if slip[f] == 0:
-            for r in range(nr):
-                w.A[r, n], w.A[n, r] = w.G[r, t], w.G[t, r]
-            w.x[n] = w.right[t]
-            k = nr
-            for other in range(f + 1):
-                if slip[other] == 0:
-                    w.A[n, k], w.A[k, n] = w.G[t, nr + other], w.G[nr + other, t]
-                    k += 1
-            n += 1
-    for f in range(nf):
-        if slip[f] != 0:
-            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
-            t, normal = nr + f, m.friction[f].row
-            for r in range(nr):
-                w.A[r, normal] += w.G[r, t] * c_R
-                w.A[r, normal + 1] += w.G[r, t] * c_T
-            k = nr
-            for other in range(nf):
-                if slip[other] == 0:
-                    w.A[k, normal] += w.G[nr + other, t] * c_R
-                    w.A[k, normal + 1] += w.G[nr + other, t] * c_T
-                    k += 1
+            w.x[k] = w.right[t]
+            k += 1
+            continue
+        c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
+        for r in range(nr):
+            w.A[r, normal] += w.G[r, t] * c_R
+            w.A[r, normal + 1] += w.G[r, t] * c_T
+        for other in range(nf):
+            if slip[other] == 0:
+                w.A[row, normal] += w.G[nr + other, t] * c_R
+                w.A[row, normal + 1] += w.G[nr + other, t] * c_T
+                row += 1
+    return n
 
 
 @kernel
@@ -212,8 +195,6 @@ def _branch(m, f, R, T, d, s1, s2):
     The capacity where s1, s2 are the signs of n1, n2, less elsewhere.
     """
     guide = m.friction[f]
-    if guide.length == 0.0:
-        return guide.mus * s1 * R
     n1, n2 = corner_forces(guide, R, T, -guide.mus * d)
     return guide.mus * (s1 * n1 + s2 * n2)
 
@@ -231,9 +212,7 @@ def choose_branches(m, w, slip, corner, least):
             continue
         R, T = w.force[m.friction[f].row], w.force[m.friction[f].row + 1]
         for k in range(2):
-            guide, n1, n2 = m.friction[f], R, R
-            if guide.length > 0.0:
-                n1, n2 = corner_forces(guide, R, T, -guide.mus * (1.0 - 2.0 * k))
+            n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mus * (1.0 - 2.0 * k))
             s1, s2 = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
             changed = changed or corner[f, 2 * k] != s1 or corner[f, 2 * k + 1] != s2
             corner[f, 2 * k], corner[f, 2 * k + 1] = s1, s2
@@ -262,14 +241,10 @@ def event_functions(m, w, slip, corner):
             w.event[e + 1] = _branch(m, f, R, T, -1.0, corner[f, 2], corner[f, 3]) - friction
             w.event[e + 2] = 1.0
             continue
+        n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
         w.event[e] = slip[f] * w.slip_speed[f]
-        if m.friction[f].length == 0.0:
-            w.event[e + 1] = corner[f, 0] * R
-            w.event[e + 2] = 1.0
-        else:
-            n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
-            w.event[e + 1] = corner[f, 0] * n1
-            w.event[e + 2] = corner[f, 1] * n2
+        w.event[e + 1] = corner[f, 0] * n1
+        w.event[e + 2] = corner[f, 1] * n2 if m.friction[f].length > 0.0 else 1.0
 
 
 @kernel
@@ -284,8 +259,5 @@ def margin(m, w, slip, f):
     R, T = w.force[r], w.force[r + 1]
     if slip[f] == 0:
         return 0.0, min(capacity(m, f, R, T, 1.0) + friction, capacity(m, f, R, T, -1.0) - friction)
-    load = abs(R)
-    if m.friction[f].length > 0.0:
-        n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
-        load = abs(n1) + abs(n2)
-    return slip[f] * w.slip_speed[f], -abs(friction + slip[f] * m.friction[f].mu * load)
+    n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
+    return slip[f] * w.slip_speed[f], -abs(friction + slip[f] * m.friction[f].mu * (abs(n1) + abs(n2)))

@@ -21,9 +21,9 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Flags, Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, RANK_TOLERANCE, decompose, eliminate_columns
+from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, add_shortest, eliminate_columns
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.coulomb import corner_forces, mobilization
+from stiction.reference_impl.friction.coulomb import coefficient, corner_forces, mobilization
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions, solve_mode
 from stiction.reference_impl.friction.lemke import lemke
@@ -72,6 +72,7 @@ def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags,
     n = nr + 2 * surfaces
     E0, E1 = np.zeros((nr + nf, n)), np.zeros((nr + nf, n))
     A0, A1, b = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    row, y, x = np.zeros(nr + nf), np.zeros(n), np.zeros(n)
     for c in range(len(m.smooth)):
         E0[m.smooth[c], c], E1[m.smooth[c], c] = 1.0, -1.0
     g = nr
@@ -83,55 +84,52 @@ def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags,
         for k in range(corners):
             column = m.friction[f].pair + k
             lever = (2 * k - 1) * half_a if corners == 2 else 0.0
-            E1[normal, column] = 1.0
-            E0[normal, column] = -1.0
-            E1[tangent, column] = mt
-            E0[tangent, column] = mt
+            E0[normal, column], E1[normal, column] = -1.0, 1.0
+            E0[tangent, column], E1[tangent, column] = mt, mt
             if corners == 2:
-                E1[normal + 1, column] = lever + half_b * mt
-                E0[normal + 1, column] = -lever - half_b * mt
+                E0[normal + 1, column], E1[normal + 1, column] = -lever - half_b * mt, lever + half_b * mt
             if stuck[f]:
                 # lH+ + lH- = 2 mus FN, eq. (17), on the surface of this corner
                 A1[g + surfaces, column] = 2.0 * m.friction[f].mus
                 A0[g + surfaces + 1, column] = -2.0 * m.friction[f].mus
-        if stuck[f]:
-            for surface in range(2):
-                E1[tangent, g] = 1.0
-                if corners == 2:
-                    E1[normal + 1, g] = half_b if surface == 0 else -half_b
-                A0[g, g] = -1.0
-                A1[g, g + surfaces] = -1.0
-                A0[g + surfaces, g + surfaces] = 1.0
-                A1[g + surfaces, g] = -1.0
-                g += 1
+        for surface in range(2 if stuck[f] else 0):
+            E1[tangent, g] = 1.0
+            if corners == 2:
+                E1[normal + 1, g] = half_b if surface == 0 else -half_b
+            A0[g, g], A1[g, g + surfaces] = -1.0, -1.0
+            A0[g + surfaces, g + surfaces], A1[g + surfaces, g] = 1.0, -1.0
+            g += 1
     for r in range(nr):
+        _multiply_row(w.G[r], E0, E1, y, x)
         for c in range(n):
-            y, x = 0.0, 0.0
-            for k in range(nr + nf):
-                y += w.G[r, k] * E0[k, c]
-                x += w.G[r, k] * E1[k, c]
-            A0[r, c] = y + compliance * w.G[r, r] * E0[r, c]
-            A1[r, c] = -(x + compliance * w.G[r, r] * E1[r, c])
+            A0[r, c] = y[c] + compliance * w.G[r, r] * E0[r, c]
+            A1[r, c] = -(x[c] + compliance * w.G[r, r] * E1[r, c])
         b[r] = w.right[r]
     g = nr
     for f in range(nf):
-        if not stuck[f]:
-            continue
         half_b, angle = 0.5 * m.friction[f].width, m.friction[f].row + 1
-        for surface in range(2):
+        for surface in range(2 if stuck[f] else 0):
             lever = half_b if surface == 0 else -half_b
             # W_T of the surface = tangential row +- b/2 angle row, so g_H'' = (that row of G) force - right
-            b[g] = w.right[nr + f] + lever * w.right[angle]
+            for k in range(nr + nf):
+                row[k] = w.G[nr + f, k] + lever * w.G[angle, k]
+            _multiply_row(row, E0, E1, y, x)
             for c in range(n):
-                y, x = 0.0, 0.0
-                for k in range(nr + nf):
-                    both = w.G[nr + f, k] + lever * w.G[angle, k]
-                    y += both * E0[k, c]
-                    x += both * E1[k, c]
-                A0[g, c] += y
-                A1[g, c] -= x
+                A0[g, c] += y[c]
+                A1[g, c] -= x[c]
+            b[g] = w.right[nr + f] + lever * w.right[angle]
             g += 1
     return A0, A1, b, E0, E1
+
+
+@kernel
+def _multiply_row(row, E0, E1, y, x):
+    """The row times E0 into y, and times E1 into x."""
+    for c in range(len(y)):
+        y[c], x[c] = 0.0, 0.0
+        for k in range(len(row)):
+            y[c] += row[k] * E0[k, c]
+            x[c] += row[k] * E1[k, c]
 
 
 SATURATION_COVER = 10.0
@@ -162,18 +160,18 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags,  # noqa: C901 -
     rest : float
         Acceleration (m/s^2) up to which a stuck guide of this solution is at rest.
     """
-    compliance = 0.0
-    A0, A1, b, E0, E1 = assemble(m, w, slip, stuck)
-    n, surfaces = len(b), _surfaces(stuck)
+    surfaces = _surfaces(stuck)
+    n = m.rows + 2 * surfaces
     row, unit_y, unit_x = _units(m, w, stuck, n)
-    right = np.zeros((n, n + 1))
-    _scale(A0, A1, b, row, unit_y, unit_x, right)
-    if not eliminate_columns(A0, right, n, n + 1, n):
-        compliance = COMPLIANCE
+    right, regular = np.zeros((n, n + 1)), False
+    for compliance in (0.0, COMPLIANCE):
         A0, A1, b, E0, E1 = assemble(m, w, slip, stuck, compliance)
         _scale(A0, A1, b, row, unit_y, unit_x, right)
-        if not eliminate_columns(A0, right, n, n + 1, n):
-            return np.zeros(len(w.force)), b, b, SINGULAR, 0.0
+        regular = eliminate_columns(A0, right, n, n + 1, n)
+        if regular:
+            break
+    if not regular:
+        return np.zeros(len(w.force)), b, b, SINGULAR, 0.0
     q, cover = np.zeros(n), np.zeros(n)
     for i in range(n):
         q[i], cover[i] = right[i, n], 1.0 if i < m.rows + surfaces else SATURATION_COVER
@@ -292,17 +290,11 @@ def _scale(A0: Table, A1: Table, b: Reals, row: Reals, unit_y: Reals, unit_x: Re
 
 @kernel(allocates=True)
 def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
-    """Take the compliance out of a solution, in place.
-
-    The shortest one of A0 y = A1 x + b in the variables that are not zero.
+    """Take the compliance out of a solution, in place: the shortest one of A0 y = A1 x + b in its variables not zero.
 
     With compliance A0 is so badly conditioned that pivoting loses half of all digits. A variable that becomes zero on
-    the way to the shortest solution stays zero (as in Lawson & Hanson's least squares with bounds).
-
-    Returns
-    -------
-    float
-        The largest residual over the largest right-hand side: above CONTRADICTION there is no solution.
+    the way to the shortest solution stays zero (as in Lawson & Hanson's least squares with bounds). Returns the largest
+    residual over the largest right-hand side: above CONTRADICTION there is no solution.
     """
     n = len(b)
     value, shortest, count = np.zeros(n), np.zeros(n), 0
@@ -318,14 +310,7 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
             shortest[k] = 0.0
             for i in range(n):
                 basis[i, k] = A0[i, chosen[k]] if in_y[chosen[k]] else -A1[i, chosen[k]]
-        left_of, s, right_of = decompose(basis)
-        for k in range(len(s)):
-            if s[k] > RANK_TOLERANCE * s[0]:
-                part = 0.0
-                for i in range(n):
-                    part += left_of[k, i] * b[i]
-                for i in range(count):
-                    shortest[i] += right_of[i, k] * (part / s[k])
+        add_shortest(basis, b, shortest)
         part, first = 1.0, -1
         for k in range(count):
             old = value[chosen[k]]
@@ -413,28 +398,17 @@ def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: I
         guide = m.friction[f]
         column = guide.pair
         R, T, friction = force[guide.row], force[guide.row + 1], force[nr + f]
-        coefficient = guide.mus if stuck[f] else guide.mu
-        kappa = -coefficient * direction[f]
-        if direction[f] == 0:
-            kappa = mobilization(guide, R, T, friction)
-        upper, lower = max(-R, 0.0), max(R, 0.0)
-        if guide.length > 0.0:
-            lower, upper = 0.0, 0.0
-            for n in corner_forces(guide, R, T, kappa):
-                y[column], x[column] = max(-n, 0.0), max(n, 0.0)
-                lower, upper = lower + x[column], upper + y[column]
-                column += 1
-        else:
-            y[column], x[column] = upper, lower
-            column += 1
+        mu = coefficient(m, f, stuck)
+        kappa = -mu * direction[f] if direction[f] != 0 else mobilization(guide, R, T, friction)
+        lower, upper, corners = 0.0, 0.0, corner_forces(guide, R, T, kappa)
+        for k in range(guide.corners):
+            y[column + k], x[column + k] = max(-corners[k], 0.0), max(corners[k], 0.0)
+            lower, upper = lower + x[column + k], upper + y[column + k]
         if stuck[f]:
-            acceleration = row_acceleration(w, nr + f, force)
+            acceleration = row_acceleration(w, nr + f, force) if direction[f] != 0 else 0.0
             for load in (lower, upper):
-                if direction[f] != 0:
-                    y[g], x[g + surfaces] = max(acceleration, 0.0), max(-acceleration, 0.0)
-                else:
-                    y[g], x[g + surfaces] = 0.0, 0.0
-                y[g + surfaces], x[g] = (coefficient - kappa) * load, (coefficient + kappa) * load
+                y[g], x[g + surfaces] = max(acceleration, 0.0), max(-acceleration, 0.0)
+                y[g + surfaces], x[g] = (mu - kappa) * load, (mu + kappa) * load
                 g += 1
 
 
@@ -442,9 +416,8 @@ def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: I
 def correct_accelerations(m, w, force, accelerate):
     """Make accelerations of a solution those that its forces give, in place.
 
-    With compliance those of its basis differ between guides on one line.
-
-    One along its friction is of a basis that compliance chose wrongly, by less than itself: that guide is at rest.
+    With compliance those of its basis differ between guides on one line. One along its friction is of a basis that
+    compliance chose wrongly, by less than itself: that guide is at rest.
     """
     for f in range(len(m.friction)):
         if accelerate[f] != 0.0:
@@ -457,12 +430,8 @@ def correct_accelerations(m, w, force, accelerate):
 def read(m, stuck, y, x, accelerate, corner):
     """Accelerations g_H'' of the stuck guides and the signs of the corner forces from a solution.
 
-    Parameters
-    ----------
-    accelerate : ndarray, shape (frictional,)
-        Receives gH+ - gH- of the lower surface (both surfaces agree, the slider cannot turn in its guide).
-    corner : ndarray of int, shape (frictional, 2)
-        Receives the sign of F+_j - F-_j; +1 where both vanish. A guide without length uses the first.
+    `accelerate` receives gH+ - gH- of the lower surface (both surfaces agree, the slider cannot turn in its guide);
+    `corner` the signs of F+_j - F-_j, +1 where both vanish. A guide without length uses the first.
     """
     g, surfaces = m.rows, _surfaces(stuck)
     for f in range(len(m.friction)):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals, at
+from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy, taken
 from stiction.reference_impl.friction.contact_solvers import solve_contact
@@ -18,13 +18,16 @@ from stiction.reference_impl.friction.coulomb import can_jam
 from stiction.reference_impl.friction.guides_at_rest import leave_together
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
 from stiction.reference_impl.friction.uniqueness import has_several
-from stiction.reference_impl.multibody.banded_systems import fill_cell_of, guides_of
+from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells
 from stiction.reference_impl.multibody.dynamics import row_acceleration, row_form
 from stiction.reference_impl.multibody.kinematics import Workspace
 from stiction.reference_impl.multibody.mechanism import Arrays
 
 HOLDS, LEAVES = np.inf, -1.0
 """Rest speeds of a guide that is at rest whatever its slip speed, and of one that leaves rest at this instant."""
+MOST_AT_REST = 4
+"""Guides of a cell at rest up to which other modes are looked for: 80 contact problems."""
+
 
 @kernel(allocates=True)
 def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integers, corner: IntegerTable,
@@ -45,27 +48,16 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
     outcome : int
         The solver's (`outcomes`), or SEVERAL, or JAM.
     """
-    nf = len(m.friction)
     row_form(m, w, t, q, v)
-    stuck = np.zeros(nf, dtype=np.bool_)
-    for f in range(nf):
+    stuck = np.zeros(len(m.friction), dtype=np.bool_)
+    for f in range(len(stuck)):
         stuck[f] = abs(w.slip_speed[f]) <= rest_speed[f]
         if stuck[f]:
             slip[f] = 0
         elif rest_speed[f] != LEAVES:
             slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
-    if len(m.cell) < 2:
-        return _settle(m, w, slip, stuck, corner)
-    return _settle_cells(m, w, slip, stuck, corner)
-
-
-@kernel(allocates=True)
-def _settle_cells(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable) -> int:
-    """Variant of `_settle` for several cells, one after the other."""
-    for c in range(len(m.cell)):
-        fill_cell_of(m, w, c)
-        own_m, own_w = at(m.separate[c], m), at(w.separate[c], w)
-        guides = guides_of(m, own_m)
+    for c in range(count_cells(m)):
+        own_m, own_w, guides = cell_of(m, w, c)
         if not len(guides):
             continue
         own_slip, own_corner = taken(slip, guides), np.zeros((len(guides), corner.shape[1]), dtype=np.int64)
@@ -106,39 +98,19 @@ def _settle(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: Integ
     return SOLVED
 
 
-MOST_AT_REST = 4
-"""Guides of a cell at rest up to which other modes are looked for: 80 contact problems."""
-
-
 @kernel(allocates=True)
 def other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int:
     """Count the other contact modes that obey the law of two coefficients where not all guides can rest.
 
-    Each guide that was at rest may stay, with the static coefficient, or leave in either direction, with the kinetic
-    one, if it then accelerates that way. Where several guides are at rest, each of two may be the one whose departure
-    relieves the other. `choose_mode` takes what follows from the static coefficients of all (Zhuang & Wang, Sect. 3);
-    this tells where another choice was possible.
-
-    Parameters
-    ----------
-    m, w : Arrays, Workspace
-        As `choose_mode` leaves them. The row forces are changed.
-    resting : ndarray of bool, shape (frictional,)
-        The guides that were at rest when the mode was chosen.
-    slip : ndarray of int, shape (frictional,)
-        The mode that was chosen.
-
-    Returns
-    -------
-    int
-        0 as well where more than MOST_AT_REST guides of a cell are at rest.
+    Each guide that was at rest (`resting`) may stay, with the static coefficient, or leave in either direction, with
+    the kinetic one, if it then accelerates that way. Where several guides are at rest, each of two may be the one whose
+    departure relieves the other. `choose_mode` takes what follows from the static coefficients of all (Zhuang & Wang,
+    Sect. 3), the mode `slip`; this tells where another choice was possible. It is 0 as well where more than
+    MOST_AT_REST guides of a cell are at rest. The row forces of the workspace are changed.
     """
-    if len(m.cell) < 2:
-        return _other_modes(m, w, resting, slip)
     found = 0
-    for c in range(len(m.cell)):
-        own_m, own_w = at(m.separate[c], m), at(w.separate[c], w)
-        guides = guides_of(m, own_m)
+    for c in range(count_cells(m)):
+        own_m, own_w, guides = cell_of(m, w, c)
         found += _other_modes(own_m, own_w, taken(resting, guides), taken(slip, guides))
     return found
 

@@ -27,16 +27,9 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corne
                     direction: Integers) -> tuple[int, int, int]:
     """Forces of the rows in the workspace; the static coefficient holds for every guide at rest.
 
-    Parameters
-    ----------
-    slip, stuck : ndarray, shape (frictional,)
-        As in `hlcp.assemble`.
-    corner : ndarray of int, shape (frictional, 2)
-        The signs assumed first; receives those of the solution, and is left alone where none is found.
-    force : ndarray, shape (rows + frictional,)
-        Receives the row forces.
-    direction : ndarray of int, shape (frictional,)
-        Receives the direction in which each guide slips or begins to; 0 for one that stays at rest.
+    `slip` and `stuck` as in `hlcp.assemble`. `corner` (frictional, 2): the signs assumed first; receives those of the
+    solution, and is left alone where none is found. `force` and `direction` receive the row forces and the direction in
+    which each guide slips or begins to, 0 for one that stays at rest.
 
     Returns
     -------

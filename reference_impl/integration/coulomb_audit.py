@@ -18,36 +18,23 @@ from stiction.scenes.trajectory import stacked
 
 @dataclass(frozen=True)
 class Audit:
-    """Outcome of an audit.
-
-    Attributes
-    ----------
-    instants : int
-        Instants at which the HLCP was solved.
-    complementarity : float
-        Largest residual of eqs. (37)-(38), relative to the largest term (`hlcp.residual`).
-    acceleration : float
-        Largest difference between the trajectory's accelerations and those of the HLCP, relative to the largest one or
-        to what the applied forces would cause without joints, if that is larger.
-    unsolved : int
-        Instants at which Lemke's method found no solution.
-    """
+    """Outcome of an audit."""
 
     instants: int
+    """Instants at which the HLCP was solved."""
     complementarity: float
+    """Largest residual of eqs. (37)-(38), relative to the largest term (`hlcp.residual`)."""
     acceleration: float
+    """Largest difference between the trajectory's accelerations and those of the HLCP, relative to the largest one or
+    to what the applied forces would cause without joints, if that is larger."""
     unsolved: int
+    """Instants at which Lemke's method found no solution."""
 
 
 def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) -> Audit:
-    """Solve the HLCP at evenly spread samples of a reference trajectory and compare.
+    """Solve the HLCP at evenly spread samples of a reference trajectory, which has the contact modes, and compare.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        A run of the reference implementation: it must have the contact modes.
-    mechanism : Mechanism
-        With the stabilization that the trajectory was computed with.
+    The mechanism has the stabilization that the trajectory was computed with.
     """
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     if not m.rows:

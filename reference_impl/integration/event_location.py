@@ -33,8 +33,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.integration.dop853 import dense_at
-from stiction.reference_impl.integration.dop853_coefficients import STAGES, C
+from stiction.reference_impl.integration.dop853 import STAGES, C, dense_at
 from stiction.reference_impl.integration.integration_state import NO_EVENT, NODES, NOISE, State, noise
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.kinematics import Workspace
@@ -100,14 +99,9 @@ def _bernstein(x: np.ndarray) -> np.ndarray:
     return np.linalg.inv(binomial * x[:, None] ** k * (1.0 - x[:, None]) ** (n - k))
 
 
-def _predictions() -> np.ndarray:
-    """Return the matrix from values at the AIMS to those of their polynomial at the CHECKS."""
-    aims, checks = _TIMES[list(AIMS)], _TIMES[list(CHECKS)]
-    return np.vander(checks - 1.0, len(AIMS), increasing=True) @ np.linalg.inv(np.vander(aims - 1.0, increasing=True))
-
-
 _STAGES_TO_BERNSTEIN = _bernstein(_TIMES[list(AIMS)])
-_STAGES_TO_CHECKS = _predictions()
+_STAGES_TO_CHECKS = np.vander(_TIMES[list(CHECKS)] - 1.0, len(AIMS), increasing=True) @ _AHEAD
+"""Matrix from values at the AIMS to those of their polynomial at the CHECKS."""
 _NODES_TO_BERNSTEIN = _bernstein(_X)
 _NODES_TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * _X - 1.0, NODES))[-2:]
 """Matrix from values at the nodes to the last two Chebyshev coefficients."""
@@ -177,34 +171,33 @@ def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: f
 
     One that rises from its start is not asked there, one that `falls` not at the end.
     """
-    v0, v1, v2, v3, v4 = before[e], seen[AIMS[1] - 1, e], seen[AIMS[2] - 1,
-                                                               e], seen[AIMS[3] - 1, e], seen[AIMS[4] - 1, e]
-    largest = max(abs(v0), abs(v1), abs(v2), abs(v3), abs(v4))
-    wrong = 0.0
-    for k in range(len(CHECKS)):
-        value = seen[CHECKS[k] - 1, e]
-        P = _STAGES_TO_CHECKS[k]
-        wrong = max(wrong, abs(value - (P[0] * v0 + P[1] * v1 + P[2] * v2 + P[3] * v3 + P[4] * v4)))
+    B, P, v0, b1, b2, b3, b4 = _STAGES_TO_BERNSTEIN, _STAGES_TO_CHECKS, before[e], 0.0, 0.0, 0.0, seen[AIMS[-1] - 1, e]
+    largest, wrong = 0.0, 0.0
+    for j in range(len(AIMS)):
+        value = v0 if j == 0 else seen[AIMS[j] - 1, e]
         largest = max(largest, abs(value))
+        b1 += B[1, j] * value
+        b2 += B[2, j] * value
+        b3 += B[3, j] * value
+    for k in range(len(CHECKS)):
+        value, predicted = seen[CHECKS[k] - 1, e], 0.0
+        for j in range(len(AIMS)):
+            predicted += P[k, j] * (v0 if j == 0 else seen[AIMS[j] - 1, e])
+        largest, wrong = max(largest, abs(value)), max(wrong, abs(value - predicted))
     if largest <= rounding:
         return True
-    B = _STAGES_TO_BERNSTEIN
-    b0, b4 = v0, v4
-    b1 = B[1, 0] * v0 + B[1, 1] * v1 + B[1, 2] * v2 + B[1, 3] * v3 + B[1, 4] * v4
-    b2 = B[2, 0] * v0 + B[2, 1] * v1 + B[2, 2] * v2 + B[2, 3] * v3 + B[2, 4] * v4
-    b3 = B[3, 0] * v0 + B[3, 1] * v1 + B[3, 2] * v2 + B[3, 3] * v3 + B[3, 4] * v4
     begins = v0 >= -CREEP / NOISE * rounding
     if falls:
         # (p - p(1)) / (1 - x), and once more divided by x where it starts from a zero
-        lowest = min(b0 - b4, 4.0 / 3.0 * (b1 - b4), 2.0 * (b2 - b4), 4.0 * (b3 - b4))
+        lowest = min(v0 - b4, 4.0 / 3.0 * (b1 - b4), 2.0 * (b2 - b4), 4.0 * (b3 - b4))
         if begins and v0 <= OWN_ZERO * largest:
             # p = b4 x + x (1 - x) r: positive between its zeros where r is
             lowest = min(4.0 * b1 - b4, 2.0 * b2 - b4, 4.0 / 3.0 * b3 - b4)
             return lowest > 4.0 * SAFETY_AT_ZERO * wrong
         return lowest > SAFETY_AT_ZERO * wrong
-    if begins and min(4.0 * (b1 - b0), 2.0 * (b2 - b0), 4.0 / 3.0 * (b3 - b0), b4 - b0) > SAFETY_AT_ZERO * wrong:
+    if begins and min(4.0 * (b1 - v0), 2.0 * (b2 - v0), 4.0 / 3.0 * (b3 - v0), b4 - v0) > SAFETY_AT_ZERO * wrong:
         return True
-    return min(b0, b1, b2, b3, b4) > SAFETY * wrong
+    return min(v0, b1, b2, b3, b4) > SAFETY * wrong
 
 
 @kernel
@@ -268,8 +261,8 @@ def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
 def _examine(value, e, rounding, starts, finest, bernstein):
     """Verdict on event function e in a part of a step: FREE, UNRESOLVED, or the first node behind its first zero.
 
-    rounding : by which it may be negative.  starts : whether the step starts here, in the right mode.  finest : whether
-    the part must not be divided.
+    `rounding`: by which it may be negative; `starts`: whether the step starts here, in the right mode; `finest`:
+    whether the part must not be divided.
     """
     largest, behind = 0.0, FREE
     for i in range(NODES + 1):
@@ -331,10 +324,7 @@ def _split(b, x, left):
 @kernel
 def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at_low: float,
           at_high: float) -> tuple[float, float]:
-    """Zero of event function e between two fractions of the step, and its slope.
-
-    Inverse interpolation with bisection.
-    """
+    """Zero of event function e between two fractions of the step by inverse interpolation and bisection; its slope."""
     slope = (at_high - at_low) / (high - low)
     if at_low <= 0.0:
         # an event function is zero, give or take rounding, where its own event began the step: if it rises before it

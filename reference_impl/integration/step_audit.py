@@ -5,7 +5,7 @@ from __future__ import annotations
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.frozen_mode import margin
-from stiction.reference_impl.integration.dop853_coefficients import STAGES
+from stiction.reference_impl.integration.dop853 import STAGES
 from stiction.reference_impl.integration.integration_state import State, Task, take_audit_step
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.dynamics import row_form

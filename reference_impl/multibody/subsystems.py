@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 
 
 def connected_bodies(scene: Scene, pairs: Iterable[tuple[str, str]]) -> tuple[int, dict[str, int]]:
-    """Number of groups of bodies that the pairs leave unconnected, and the group of each body.
-
-    Groups in the order of the bodies.
-    """
+    """Number of groups of bodies that the pairs leave unconnected, and the group of each body, in their order."""
     index = {name: i for i, name in enumerate(scene.bodies)}
     edges = np.array([(index[a], index[b]) for a, b in pairs if a in index and b in index],
                      dtype=np.int64).reshape(-1, 2)
@@ -61,21 +58,12 @@ def independent_parts(scene: Scene) -> list[Scene]:
 
 def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[[int, float], Run],
                    t_end: float) -> Run:
-    """Integrate the parts one after the other and put together what they yield.
+    """Integrate the parts of a scene one after the other and put together what they yield.
 
-    Parameters
-    ----------
-    scene : Scene
-        The whole.
-    simulate
-        Called with the place of a part and the time up to which it is needed: `t_end`, or the earliest time at which a
-        part before it broke down.
-
-    Returns
-    -------
-    Run
-        Columns by element in the order of the scene, events in order of time, and sums of costs and counters. It ends
-        where the first part breaks down. Events have the values of the part that they belong to, without ``drift``.
+    `simulate` is called with the place of a part and the time up to which it is needed: `t_end`, or the earliest time
+    at which a part before it broke down. The run has columns by element in the order of the scene, events in order of
+    time, and sums of costs and counters. It ends where the first part breaks down. Events have the values of the part
+    that they belong to, without ``drift``.
     """
     until, runs = t_end, []
     for i in range(len(parts)):

@@ -22,23 +22,12 @@ from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Torsiona
 
 @dataclass(frozen=True)
 class Moving:
-    """A quantity s(q, t), a number or a vector in the plane, along a motion; leading axes run over instants.
+    """A quantity s(q, t), a number or a vector in the plane, along a motion; leading axes run over instants."""
 
-    Attributes
-    ----------
-    value : ndarray, shape (..., n), or (...,) for a number
-    jacobian : ndarray, shape (..., n, k), or (..., k)
-        ds/dq.
-    rate : ndarray, shape as `value`
-        s' = ds/dq v + ds/dt.
-    gamma : ndarray, shape as `value`
-        What s'' = ds/dq q'' + gamma has without accelerations.
-    """
-
-    value: np.ndarray
-    jacobian: np.ndarray
-    rate: np.ndarray
-    gamma: np.ndarray
+    value: np.ndarray  # (..., n), or (...,) for a number
+    jacobian: np.ndarray  # (..., n, k), or (..., k): ds/dq
+    rate: np.ndarray  # as `value`: s' = ds/dq v + ds/dt
+    gamma: np.ndarray  # as `value`: s'' = ds/dq q'' + gamma
 
     def __sub__(self, other: Moving) -> Moving:
         return Moving(self.value - other.value, self.jacobian - other.jacobian, self.rate - other.rate,

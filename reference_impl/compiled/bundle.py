@@ -57,16 +57,8 @@ def _array(hint: Any) -> tuple[np.dtype, int] | None:
 class BundleType(types.Record):
     """The type of a subclass of `Bundle`: a record of words, whose fields have the numba types that they are read as.
 
-    Attributes
-    ----------
-    fields : dict of str to numba.types.Type
-        Type of each field.
-    places : dict of str to int
-        First word of each field.
-    words : int
-        Number of all words.
-    arrays : dict of str to (numpy.dtype, int)
-        Type and number of dimensions of each array or record.
+    `fields` has these types, `places` the first word of each field, `words` their number; `arrays` the type and the
+    number of dimensions of each array or record.
     """
 
     fields: dict[str, types.Type]  # type: ignore[assignment]  # those of numba's records have offsets as well
@@ -92,14 +84,7 @@ class BundleType(types.Record):
 class Bundle:
     """Base of classes with fields of `int`, `float`, another bundle, or one of the array types above.
 
-    Parameters
-    ----------
-    Values in the order of the fields, or by name.
-
-    Attributes
-    ----------
-    address : int
-        Address of its words: valid as long as the bundle is.
+    It is made of values in the order of the fields, or by name; `address` is that of its words, valid as long as it is.
 
     Raises
     ------
@@ -125,10 +110,7 @@ class Bundle:
 
     @classmethod
     def zeros(cls, **fields: Any) -> Self:
-        """A bundle with new arrays, all zero.
-
-        Numbers and bundles are given as they are, of arrays and records their shapes.
-        """
+        """A bundle with new arrays, all zero: their shapes are given, numbers and bundles as they are."""
         arrays = cls._numba_type_.arrays
         made = {name: np.zeros(fields[name], dtype=dtype) for name, (dtype, _) in arrays.items() if name in fields}
         return cls(**{**fields, **made})

@@ -93,10 +93,7 @@ class Inlined:
 
 
 class _Callee(types.Dispatcher):
-    """Type of an `Inlined` kernel. numba would compile it for each constant that it is called with.
-
-    It is compiled for their type.
-    """
+    """Type of an `Inlined` kernel, compiled for types: numba would compile it for each constant it is called with."""
 
     def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
         named = {name: types.unliteral(arg) for name, arg in kws.items()}
@@ -139,10 +136,7 @@ class Linked:
         return bool(files_of(self._kernel))
 
     def link(self, place: str = "") -> None:
-        """Compile it, or load it from the cache on disk, and fill its slot; once.
-
-        If it is compiled the log says so, with its place in a list.
-        """
+        """Compile it, with a word in the log, or load it from the cache on disk, and fill its slot; once."""
         if self.is_linked:
             return
         if not self.is_kept:

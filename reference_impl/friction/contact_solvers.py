@@ -60,8 +60,7 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
         force, y, x, outcome, rest = hlcp.solve(m, w, slip, stuck, LIMIT)
         copy(force, w.force)
         if outcome == SOLVED:
-            hlcp.read(m, stuck, y, x, accelerate, corner)
-            hlcp.correct_accelerations(m, w, force, accelerate)
+            hlcp.read(m, w, stuck, force, y, x, accelerate, corner)
         return outcome, rest
     if w.solver == ENUMERATION:
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, nf), dtype=np.int64)

@@ -53,15 +53,11 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
         if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
             for i in range(n):
                 w.x[i] = np.nan
-    for r in range(nr):
-        w.force[r] = w.x[r]
-    n = nr
+    for i in range(n):
+        w.force[w.held[i]] = w.x[i]
     for f in range(nf):
-        if slip[f] == 0:
-            w.force[nr + f] = w.x[n]
-            n += 1
-        else:
-            w.force[nr + f] = friction_of(m, f, slip, corner, w.x)
+        if slip[f] != 0:
+            w.force[nr + f] = friction_of(m, f, slip, corner, w.force)
     return regular
 
 
@@ -134,50 +130,34 @@ def _fill_cell(m, w, c, slip, direction, corner, reach):
 
 @kernel(inline=True)
 def held_rows(m, w, slip, released):
-    """G of the constraint rows, and behind them of guides at rest unless they are `released`, into w.A.
+    """Numbers of the constraint rows, and of guides at rest unless `released`, into w.held, and their G into w.A.
 
-    Returns their number.
+    Returns how many they are.
     """
-    n = m.rows
-    for r in range(m.rows):
-        for c in range(m.rows):
-            w.A[r, c] = w.G[r, c]
-    for f in range(len(m.friction)):
-        if slip[f] != 0 or released:
-            continue
-        t, k = m.rows + f, m.rows
-        for r in range(m.rows):
-            w.A[r, n], w.A[n, r] = w.G[r, t], w.G[t, r]
-        for other in range(f + 1):
-            if slip[other] == 0:
-                w.A[n, k], w.A[k, n] = w.G[t, m.rows + other], w.G[m.rows + other, t]
-                k += 1
-        n += 1
+    n = 0
+    for r in range(m.rows + len(m.friction)):
+        if r < m.rows or slip[r - m.rows] == 0 and not released:
+            w.held[n] = r
+            n += 1
+    for i in range(n):
+        for j in range(n):
+            w.A[i, j] = w.G[w.held[i], w.held[j]]
     return n
 
 
 @kernel(inline=True)
 def _fill(m, w, slip, corner):
     """The system of the mode into w.A, w.x: constraint rows, then the tangential rows of stuck guides; its size."""
-    nr, nf, n = m.rows, len(m.friction), held_rows(m, w, slip, False)
-    for r in range(nr):
-        w.x[r] = w.right[r]
-    k = nr
-    for f in range(nf):
-        t, normal, row = nr + f, m.friction[f].row, nr
-        if slip[f] == 0:
-            w.x[k] = w.right[t]
-            k += 1
-            continue
-        c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
-        for r in range(nr):
-            w.A[r, normal] += w.G[r, t] * c_R
-            w.A[r, normal + 1] += w.G[r, t] * c_T
-        for other in range(nf):
-            if slip[other] == 0:
-                w.A[row, normal] += w.G[nr + other, t] * c_R
-                w.A[row, normal + 1] += w.G[nr + other, t] * c_T
-                row += 1
+    n = held_rows(m, w, slip, False)
+    for i in range(n):
+        w.x[i] = w.right[w.held[i]]
+    for f in range(len(m.friction)):
+        if slip[f] != 0:
+            t, normal = m.rows + f, m.friction[f].row
+            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
+            for i in range(n):
+                w.A[i, normal] += w.G[w.held[i], t] * c_R
+                w.A[i, normal + 1] += w.G[w.held[i], t] * c_T
     return n
 
 

@@ -354,7 +354,7 @@ def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: R
     copy(w.event, event)
     for f in range(nf):
         mode[f] = 0 if stuck[f] else slip[f]
-    read(m, stuck, y, x, accelerate, corner)
+    read(m, w, stuck, w.force, y, x, accelerate, corner)
     solve_mode(m, w, mode, corner)
     choose_branches(m, w, mode, corner, ALL)
     event_functions(m, w, mode, corner)
@@ -413,25 +413,13 @@ def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: I
 
 
 @kernel
-def correct_accelerations(m, w, force, accelerate):
-    """Make accelerations of a solution those that its forces give, in place.
-
-    With compliance those of its basis differ between guides on one line. One along its friction is of a basis that
-    compliance chose wrongly, by less than itself: that guide is at rest.
-    """
-    for f in range(len(m.friction)):
-        if accelerate[f] != 0.0:
-            accelerate[f] = row_acceleration(w, m.rows + f, force)
-            if accelerate[f] * force[m.rows + f] > 0.0:
-                accelerate[f] = 0.0
-
-
-@kernel
-def read(m, stuck, y, x, accelerate, corner):
+def read(m, w, stuck, force, y, x, accelerate, corner):
     """Accelerations g_H'' of the stuck guides and the signs of the corner forces from a solution.
 
-    `accelerate` receives gH+ - gH- of the lower surface (both surfaces agree, the slider cannot turn in its guide);
-    `corner` the signs of F+_j - F-_j, +1 where both vanish. A guide without length uses the first.
+    `accelerate` is 0 where gH+ - gH- of the lower surface is (both surfaces agree, the slider cannot turn in its guide),
+    else what the forces give: with compliance those of the basis differ between guides on one line. One along its
+    friction is of a basis that compliance chose wrongly, by less than itself: that guide is at rest. `corner` receives
+    the signs of F+_j - F-_j, +1 where both vanish. A guide without length uses the first.
     """
     g, surfaces = m.rows, _surfaces(stuck)
     for f in range(len(m.friction)):
@@ -440,7 +428,10 @@ def read(m, stuck, y, x, accelerate, corner):
             corner[f, k] = -1 if y[column] > x[column] else 1
         accelerate[f] = 0.0
         if stuck[f]:
-            accelerate[f] = y[g] - x[g + surfaces]
+            if y[g] != x[g + surfaces]:
+                accelerate[f] = row_acceleration(w, m.rows + f, force)
+            if accelerate[f] * force[m.rows + f] > 0.0:
+                accelerate[f] = 0.0
             g += 2
 
 

@@ -70,23 +70,16 @@ def _respond(m, w, slip, released, compliance):
 
     Returns True where the system is regular.
     """
-    nr, G, columns = m.rows, w.G, 0
     if len(m.cell):
         return _respond_banded(m, w, slip, released, compliance)
-    n = held_rows(m, w, slip, released)
-    for r in range(nr):
-        w.A[r, r] += compliance * G[r, r]
+    n, columns = held_rows(m, w, slip, released), 0
+    for r in range(m.rows):
+        w.A[r, r] += compliance * w.G[r, r]
     for j in range(len(m.friction)):
-        if slip[j] == 0 and not released:
-            continue
-        k = nr
-        for r in range(nr):
-            w.response[r, columns] = -G[r, nr + j]
-        for f in range(len(m.friction)):
-            if slip[f] == 0 and not released:
-                w.response[k, columns] = -G[nr + f, nr + j]
-                k += 1
-        columns += 1
+        if slip[j] != 0 or released:
+            for i in range(n):
+                w.response[i, columns] = -w.G[w.held[i], m.rows + j]
+            columns += 1
     return eliminate_columns(w.A, w.response, n, columns, n)
 
 

@@ -32,7 +32,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.loops import copy
+from stiction.reference_impl.compiled.loops import copy, product
 from stiction.reference_impl.integration.dop853 import STAGES, C, dense_at
 from stiction.reference_impl.integration.integration_state import NO_EVENT, NODES, NOISE, State, noise
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
@@ -273,17 +273,10 @@ def _examine(value, e, rounding, starts, finest, bernstein):
         return FREE
     if behind == 1 or finest:
         return behind
-    tail = 0.0
-    for k in range(2):
-        last = 0.0
-        for i in range(NODES + 1):
-            last += _NODES_TO_LAST[k, i] * value[i, e]
-        tail += abs(last)
     left, right = bernstein[0], bernstein[1]
     for k in range(NODES + 1):
-        right[k] = 0.0
-        for i in range(NODES + 1):
-            right[k] += _NODES_TO_BERNSTEIN[k, i] * value[i, e]
+        right[k] = product(_NODES_TO_BERNSTEIN[k], value[:, e])
+    tail = abs(product(_NODES_TO_LAST[0], value[:, e])) + abs(product(_NODES_TO_LAST[1], value[:, e]))
     if behind > 1:
         # no zero before the node in front of the one that is negative
         _split(right, _X[behind - 1], left)

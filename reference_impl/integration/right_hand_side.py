@@ -71,8 +71,7 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
     force, y, x, outcome, rest = hlcp.solve(m, w, slip, stuck, COUNTED)
     accelerate, signs, fastest = np.zeros(len(m.friction)), np.zeros((len(m.friction), 2), dtype=np.int64), 0.0
     if outcome == SOLVED:
-        hlcp.read(m, stuck, y, x, accelerate, signs)
-        hlcp.correct_accelerations(m, w, force, accelerate)
+        hlcp.read(m, w, stuck, force, y, x, accelerate, signs)
         for f in range(len(m.friction)):
             fastest = max(fastest, abs(accelerate[f]))
         if fastest <= rest:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import cos, sin, sqrt
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -28,7 +28,8 @@ class Workspace(Bundle):
     G: Table  # (all, all), J M^-1 J^T
     right: Reals  # (all,), G times the row forces for the constraints (and a stuck slider) to hold
     stabilizing: Reals  # (rows,), Baumgarte's terms 2 alpha Phi' + beta^2 Phi, as far as `right` contains them
-    A: Table  # scratch for linear solves, as x, unit and response
+    held: Annotated[np.ndarray, np.uint64, 1]  # scratch for linear solves, as A, x, unit and response
+    A: Table
     x: Reals
     unit: Reals
     response: Table
@@ -47,16 +48,16 @@ def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
                             **_room(arrays))
     if not arrays.separate:
         return whole
-    cells = (whole.replaced(**{name: np.zeros(shape) for name, shape in _room(cell).items()})
-             for cell in arrays.separate)
-    return whole.replaced(separate=tuple(cells))
+    cells = tuple(whole.replaced(**{name: np.zeros(shape, getattr(whole, name).dtype)
+                                    for name, shape in _room(cell).items()}) for cell in arrays.separate)
+    return whole.replaced(separate=cells)
 
 
 def _room(m: Arrays) -> dict[str, Any]:
     """Shapes of what the workspace of a cell does not share with the whole."""
     nf, size = len(m.friction), m.rows + len(m.friction)
-    return {"slip_speed": nf, "G": (size, size), "right": size, "stabilizing": m.rows, "A": (size, size), "x": size,
-            "unit": 2 * size, "response": (size, nf), "force": size, "event": 3 * nf}
+    return {"slip_speed": nf, "G": (size, size), "right": size, "stabilizing": m.rows, "held": size,
+            "A": (size, size), "x": size, "unit": 2 * size, "response": (size, nf), "force": size, "event": 3 * nf}
 
 
 @kernel

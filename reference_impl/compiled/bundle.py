@@ -12,7 +12,7 @@ whatever the loop stores.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, ClassVar, Protocol, Self, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numba import from_dtype, types
@@ -29,8 +29,6 @@ dimensions."""
 Bundles = tuple
 """Type of a field that has bundles of one class. In a kernel it is the array of their addresses, of which `at` makes
 bundles."""
-
-AnyBundle = TypeVar("AnyBundle", bound="Bundle")
 
 _NUMBERS = {int: types.int64, float: types.float64, bool: types.boolean, type(None): types.none}
 
@@ -183,19 +181,13 @@ def _unbox(kind, bundle, c):
     return NativeValue(pointer)
 
 
-class _At(Protocol):
-    def __call__(self, address: int, like: AnyBundle) -> AnyBundle: ...
-
-
-def _bundle_at(typing_context, address, like):
+@intrinsic
+def at(typing_context, address, like):
+    """In a kernel: the bundle at an address, of the class of another."""
     def generate(context, builder, signature, values):
         return builder.inttoptr(values[0], context.get_value_type(like))
 
     return like(types.int64, like), generate
-
-
-at = cast(_At, intrinsic(_bundle_at))
-"""In a kernel: the bundle at an address, of the class of another."""
 
 
 @lower_getattr_generic(BundleType)

@@ -43,9 +43,9 @@ def corner_forces(guide, R, T, kappa):
 
 
 @kernel
-def coefficient(m, f, stuck):
-    """Coefficient of a slip: the static one for a guide that was at rest."""
-    return m.friction[f].mus if stuck[f] else m.friction[f].mu
+def coefficient(m, f, slip):
+    """Coefficient of a slip: the static one for a guide that was at rest, of `slip` 0."""
+    return m.friction[f].mus if slip[f] == 0 else m.friction[f].mu
 
 
 @kernel

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals, Table
+from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.coulomb import capacity, coefficient, corner_forces, friction_coefficients
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, largest_speed, row_acceleration
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Workspace
 
 LIMIT = 100_000
 """Modes tried at most: 5 guides that stick, 8 that slip; some tenths of a second."""
@@ -30,23 +29,23 @@ modes give the same forces to rounding, and a hyperstatic friction splits withou
 
 
 @kernel
-def modes(m, stuck):
+def modes(m, slip):
     """Number of contact modes: directions and signs of corner forces, of every guide."""
     total = 1.0
     for f in range(len(m.friction)):
         signs = 4.0 if m.friction[f].length > 0.0 else 2.0
-        total *= 1.0 + 2.0 * signs if stuck[f] else signs
+        total *= 1.0 + 2.0 * signs if slip[f] == 0 else signs
     return total
 
 
 @kernel(allocates=True)
-def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Table, directions: IntegerTable,
+def solutions(m: Arrays, w: Workspace, slip: Integers, forces: Table, directions: IntegerTable,
               compliance: float = 0.0, limit: int = LIMIT) -> int:
     """The consistent contact modes of the rows in the workspace; the static coefficient holds for every guide at rest.
 
     Parameters
     ----------
-    slip, stuck, compliance
+    slip, compliance
         As in `hlcp.assemble`.
     forces : ndarray, shape (k, rows + frictional)
         Receives the row forces of the first k solutions whose accelerations differ; the search ends with the k-th.
@@ -59,18 +58,18 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Tab
         The number of solutions found, of those whose linear system is regular; TOO_MANY of more than `limit` modes.
     """
     nr, nf = m.rows, len(m.friction)
-    if modes(m, stuck) > limit:
+    if modes(m, slip) > limit:
         return TOO_MANY
     A, force = np.zeros((nr + nf, nr + nf)), np.zeros(nr + nf)
     direction, signs = np.zeros(nf, dtype=np.int64), np.zeros((nf, 2), dtype=np.int64)
     motion, known = np.zeros(len(m.inverse_mass)), np.zeros((len(forces), len(m.inverse_mass)))
     found = 0
-    for code in range(int(modes(m, stuck))):
-        _decode(m, code, slip, stuck, direction, signs)
-        fill(m, w, stuck, direction, signs, A, force, compliance)
+    for code in range(int(modes(m, slip))):
+        _decode(m, code, slip, direction, signs)
+        fill(m, w, slip, direction, signs, A, force, compliance)
         if not solve_in_place(A, force, w.unit, nr + nf, nr + nf):
             continue
-        if revise(m, w, stuck, direction, signs, force) != NO_GUIDE:
+        if revise(m, w, slip, direction, signs, force) != NO_GUIDE:
             continue
         acceleration(m, w, force, motion)
         if _is_new(m, motion, known[:found], SLACK * _largest_term(m, w, force)):
@@ -84,12 +83,12 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Tab
 
 
 @kernel
-def _decode(m, code, slip, stuck, direction, signs):
+def _decode(m, code, slip, direction, signs):
     """The contact mode of a number from 0 to `modes` - 1."""
     for f in range(len(m.friction)):
         count = 4 if m.friction[f].length > 0.0 else 2
         direction[f] = slip[f]
-        if stuck[f]:
+        if slip[f] == 0:
             choice, code = code % (1 + 2 * count), code // (1 + 2 * count)
             direction[f] = 0 if choice == 0 else 1 if choice <= count else -1
             choice = max(choice - 1, 0) % count
@@ -128,7 +127,7 @@ def _is_new(m, motion, known, rounding):
 
 
 @kernel
-def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, signs: IntegerTable, A: Table, force: Reals,
+def fill(m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: IntegerTable, A: Table, force: Reals,
          compliance: float) -> None:
     """The system of a mode: constraint rows, and of each guide its tangential row (rest) or its law of slip."""
     nr = m.rows
@@ -141,7 +140,7 @@ def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, signs: Inte
         if direction[f] == 0:
             continue
         row = m.friction[f].row
-        c_R, c_T = friction_coefficients(m, f, direction[f], signs[f, 0], signs[f, 1], coefficient(m, f, stuck))
+        c_R, c_T = friction_coefficients(m, f, direction[f], signs[f, 0], signs[f, 1], coefficient(m, f, slip))
         for c in range(len(force)):
             A[nr + f, c] = 0.0
         A[nr + f, row + 1] = -c_T
@@ -159,7 +158,7 @@ def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, signs: Inte
 
 
 @kernel
-def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, signs: IntegerTable, force: Reals) -> int:
+def revise(m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: IntegerTable, force: Reals) -> int:
     """Change, in place, every sign and direction of a mode that its forces contradict.
 
     A guide at rest whose friction exceeds its capacity begins to slip, with the signs that its corner forces have; one
@@ -181,13 +180,13 @@ def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, signs: In
             elif capacity(m, f, R, T, -1.0) - friction < -floor:
                 direction[f] = -1
             changed = direction[f] != 0
-        n1, n2 = corner_forces(guide, R, T, -coefficient(m, f, stuck) * direction[f])
+        n1, n2 = corner_forces(guide, R, T, -coefficient(m, f, slip) * direction[f])
         if d != 0 or changed:
             if signs[f, 0] * n1 < -floor:
                 signs[f, 0], changed = -signs[f, 0], True
             if signs[f, 1] * n2 < -floor:
                 signs[f, 1], changed = -signs[f, 1], True
-        if stuck[f] and d != 0:
+        if slip[f] == 0 and d != 0:
             size = abs(w.right[nr + f])
             for r in range(len(force)):
                 size = max(size, abs(w.G[nr + f, r] * force[r]))

@@ -23,8 +23,7 @@ from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIM
 from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients
 from stiction.reference_impl.multibody import baumgarte
 from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row, solve_cell
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 from stiction.reference_impl.multibody.singular_positions import pivots_are_above, shortest_forces
 
 ALL = -1.0

@@ -24,8 +24,7 @@ from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, RANK_TO
 from stiction.reference_impl.compiled.loops import product, subtract, taken
 from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells, fill_cell
 from stiction.reference_impl.multibody.dynamics import largest_speed, roots_of_mobility, unit_rows
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 DEPENDENT = 1e-6
 """Part of a row of unit size, across the others, up to which it depends on them. Rounding leaves 1e-16 over the
@@ -91,52 +90,51 @@ def _rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals)
 
 
 @kernel(allocates=True)
-def leave_together(m: Arrays, w: Workspace, direction: Integers, firmness: Reals, slip: Integers,
-                   stuck: Flags) -> None:
+def leave_together(m: Arrays, w: Workspace, direction: Integers, firmness: Reals, slip: Integers) -> None:
     """Let guides at rest slip, and with each of them those at rest without which it cannot move.
 
     `direction`: 1 or -1 for a guide that leaves, 0 for any other. `firmness`: how far each guide at rest is from
     leaving, in any unit: where one could move with either of several others, those that are held less firmly leave.
-    `slip` and `stuck`, the directions and which guides are at rest, are changed in place.
+    `slip`, 0 at rest, is changed in place.
     """
     for c in range(count_cells(m)):
         own_m, own_w, guides = cell_of(m, w, c)
-        own_slip, own_stuck, looked, independent = taken(slip, guides), taken(stuck, guides), False, False
+        own_slip, looked, independent = taken(slip, guides), False, False
         for f in range(len(guides)):
             leaves = direction[guides[f]]
-            if not own_stuck[f] or leaves == 0:
+            if own_slip[f] != 0 or leaves == 0:
                 continue
             if not looked:
                 looked, independent = True, _are_independent(own_m, own_w)
-            own_slip[f], own_stuck[f] = leaves, False
+            own_slip[f] = leaves
             if not independent:
-                _take_along(own_m, own_w, f, leaves, taken(firmness, guides), own_slip, own_stuck)
+                _take_along(own_m, own_w, f, leaves, taken(firmness, guides), own_slip)
         for i in range(len(guides)):
-            slip[guides[i]], stuck[guides[i]] = own_slip[i], own_stuck[i]
+            slip[guides[i]] = own_slip[i]
 
 
 @kernel(allocates=True)
-def _take_along(m: Arrays, w: Workspace, guide: int, direction: int, firmness: Reals, slip: Integers,
-                stuck: Flags) -> None:
+def _take_along(m: Arrays, w: Workspace, guide: int, direction: int, firmness: Reals,
+                slip: Integers) -> None:
     """Let those guides at rest slip without which a guide of their cell cannot."""
     row, _ = unit_rows(m, w, m.rows + len(m.friction), roots_of_mobility(m))
     rate, basis, count, t = np.zeros(len(row)), np.zeros(len(row), dtype=np.int64), 0, m.rows + guide
     for f in range(len(m.friction)):
         along = product(row[t], row[m.rows + f])
-        if stuck[f] and along * along >= 1.0 - RANK_TOLERANCE:
+        if slip[f] == 0 and along * along >= 1.0 - RANK_TOLERANCE:
             # on one line, as where a drive moves both
-            slip[f], stuck[f] = direction if along > 0.0 else -direction, False
+            slip[f] = direction if along > 0.0 else -direction
     for r in range(m.rows):
         if _left(row, rate, basis, count, r) > DEPENDENT:
             _admit(row, rate, basis, count, r)
             count += 1
     if _left(row, rate, basis, count, t) <= DEPENDENT:
         return  # it moves as drives move it, by none of the freedoms
-    free, seen = row[t].copy(), np.zeros(len(stuck), dtype=np.bool_)
-    for _ in range(len(stuck)):
+    free, seen = row[t].copy(), np.zeros(len(slip), dtype=np.bool_)
+    for _ in range(len(slip)):
         f = -1
-        for other in range(len(stuck)):
-            if stuck[other] and not seen[other] and (f < 0 or firmness[other] > firmness[f]):
+        for other in range(len(slip)):
+            if slip[other] == 0 and not seen[other] and (f < 0 or firmness[other] > firmness[f]):
                 f = other
         if f < 0:
             return
@@ -150,7 +148,7 @@ def _take_along(m: Arrays, w: Workspace, guide: int, direction: int, firmness: R
             count += 1
         else:
             subtract(-along, row[r], free)
-            slip[f], stuck[f] = direction if along > 0.0 else -direction, False
+            slip[f] = direction if along > 0.0 else -direction
 
 
 @kernel

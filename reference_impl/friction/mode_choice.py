@@ -20,8 +20,7 @@ from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
 from stiction.reference_impl.friction.uniqueness import has_several
 from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells
 from stiction.reference_impl.multibody.dynamics import row_acceleration, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 HOLDS, LEAVES = np.inf, -1.0
 """Rest speeds of a guide that is at rest whatever its slip speed, and of one that leaves rest at this instant."""
@@ -49,10 +48,8 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
         The solver's (`outcomes`), or SEVERAL, or JAM.
     """
     row_form(m, w, t, q, v)
-    stuck = np.zeros(len(m.friction), dtype=np.bool_)
-    for f in range(len(stuck)):
-        stuck[f] = abs(w.slip_speed[f]) <= rest_speed[f]
-        if stuck[f]:
+    for f in range(len(slip)):
+        if abs(w.slip_speed[f]) <= rest_speed[f]:
             slip[f] = 0
         elif rest_speed[f] != LEAVES:
             slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
@@ -63,7 +60,7 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
         own_slip, own_corner = taken(slip, guides), np.zeros((len(guides), corner.shape[1]), dtype=np.int64)
         for i in range(len(guides)):
             copy(corner[guides[i]], own_corner[i])
-        outcome = _settle(own_m, own_w, own_slip, taken(stuck, guides), own_corner)
+        outcome = _settle(own_m, own_w, own_slip, own_corner)
         for i in range(len(guides)):
             slip[guides[i]] = own_slip[i]
             copy(own_corner[i], corner[guides[i]])
@@ -75,12 +72,12 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
 
 
 @kernel(allocates=True)
-def _settle(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable) -> int:
+def _settle(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> int:
     """Modes of the guides of one cell, in place."""
     nf = len(m.friction)
     accelerate, firmness, direction = np.zeros(nf), np.zeros(nf), np.zeros(nf, dtype=np.int64)
     for _ in range(nf + 1):
-        outcome, rest = solve_contact(m, w, slip, stuck, corner, accelerate)
+        outcome, rest = solve_contact(m, w, slip, corner, accelerate)
         if outcome != SOLVED:
             return outcome
         if has_several(m, w, slip):
@@ -88,13 +85,13 @@ def _settle(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: Integ
         leaving = False
         for f in range(nf):
             firmness[f], direction[f] = -abs(accelerate[f]), 0
-            if stuck[f] and abs(accelerate[f]) > rest:
+            if slip[f] == 0 and abs(accelerate[f]) > rest:
                 if can_jam(m, f):
                     return JAM
                 leaving, direction[f] = True, 1 if accelerate[f] > 0.0 else -1
         if not leaving:
             return SOLVED
-        leave_together(m, w, direction, firmness, slip, stuck)
+        leave_together(m, w, direction, firmness, slip)
     return SOLVED
 
 
@@ -125,18 +122,17 @@ def _other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int
             two = two or m.friction[f].mus > m.friction[f].mu
     if not (leaving and two and 2 <= count <= MOST_AT_REST):
         return 0
-    other, stuck, accelerate = slip.copy(), np.zeros(nf, dtype=np.bool_), np.zeros(nf)
+    other, accelerate = slip.copy(), np.zeros(nf)
     corner = np.ones((nf, 2), dtype=np.int64)
     for mode in range(modes):
         rest_of_mode, moves, is_chosen = mode, False, True
         for f in range(nf):
             if resting[f]:
                 other[f], rest_of_mode = rest_of_mode % 3 - 1, rest_of_mode // 3
-                stuck[f] = other[f] == 0
                 moves, is_chosen = moves or other[f] != 0, is_chosen and other[f] == slip[f]
         if is_chosen or not moves:
             continue
-        outcome, rest = solve_contact(m, w, other, stuck, corner, accelerate)
+        outcome, rest = solve_contact(m, w, other, corner, accelerate)
         consistent = outcome == SOLVED
         for f in range(nf):
             if resting[f] and other[f] != 0:

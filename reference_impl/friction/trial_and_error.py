@@ -11,23 +11,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals
+from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
 from stiction.reference_impl.compiled.loops import are_equal, copy
 from stiction.reference_impl.friction.enumeration import fill, revise
 from stiction.reference_impl.friction.frozen_mode import solve_assumed
 from stiction.reference_impl.friction.outcomes import SIGN_CYCLE, SINGULAR, SOLVED
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Workspace
 
 
 @kernel(allocates=True)
-def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable, force: Reals,
+def trial_and_error(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, force: Reals,
                     direction: Integers) -> tuple[int, int, int]:
     """Forces of the rows in the workspace; the static coefficient holds for every guide at rest.
 
-    `slip` and `stuck` as in `hlcp.assemble`. `corner` (frictional, 2): the signs assumed first; receives those of the
+    `slip` as in `hlcp.assemble`. `corner` (frictional, 2): the signs assumed first; receives those of the
     solution, and is left alone where none is found. `force` and `direction` receive the row forces and the direction in
     which each guide slips or begins to, 0 for one that stays at rest.
 
@@ -44,7 +43,7 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corne
     size = 0 if len(m.cell) else nr + nf
     A, signs, kept = np.zeros((size, size)), np.zeros((nf, 2), dtype=np.int64), np.zeros(nf, dtype=np.int64)
     for f in range(nf):
-        signs[f, 0], signs[f, 1], direction[f] = corner[f, 0], corner[f, 1], 0 if stuck[f] else slip[f]
+        signs[f, 0], signs[f, 1], direction[f] = corner[f, 0], corner[f, 1], slip[f]
         kept[f] = direction[f]
     kept_signs, trials, renew = signs.copy(), 0, 1
     while True:
@@ -53,11 +52,11 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corne
             regular = solve_assumed(m, w, slip, direction, signs)
             copy(w.force, force)
         else:
-            fill(m, w, stuck, direction, signs, A, force, 0.0)
+            fill(m, w, slip, direction, signs, A, force, 0.0)
             regular = solve_in_place(A, force, w.unit, nr + nf, nr + nf)
         if not regular:
             return SINGULAR, trials, NO_GUIDE
-        guide = revise(m, w, stuck, direction, signs, force)
+        guide = revise(m, w, slip, direction, signs, force)
         if guide == NO_GUIDE:
             for f in range(nf):
                 corner[f, 0], corner[f, 1] = signs[f, 0], signs[f, 1]

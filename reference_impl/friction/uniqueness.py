@@ -23,8 +23,7 @@ from stiction.reference_impl.friction.enumeration import TOO_MANY, solutions
 from stiction.reference_impl.friction.frozen_mode import held_rows
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
 from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells, fill_cell, friction_row, open_cell
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Workspace
 
 COUNTED = 1000
 """Contact modes up to which solutions are counted on the way: three guides at rest, four that slip. Beyond, an
@@ -148,7 +147,4 @@ def _count(m: Arrays, w: Workspace, slip: Integers, most: int) -> int:
     if gain_of_mode(m, w, slip)[0] < 1.0:
         return 1
     forces, directions = np.zeros((most, len(w.force))), np.zeros((most, len(slip)), dtype=np.int64)
-    stuck = np.zeros(len(slip), dtype=np.bool_)
-    for f in range(len(slip)):
-        stuck[f] = slip[f] == 0
-    return solutions(m, w, slip, stuck, forces, directions, 0.0, COUNTED)
+    return solutions(m, w, slip, forces, directions, 0.0, COUNTED)

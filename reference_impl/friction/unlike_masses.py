@@ -21,8 +21,7 @@ from stiction.reference_impl.compiled.linear_algebra import eliminate
 from stiction.reference_impl.friction.coulomb import friction_coefficients
 from stiction.reference_impl.friction.frozen_mode import friction_of
 from stiction.reference_impl.multibody import baumgarte
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 REGULAR = 0.0
 """Tolerance of pivots, which are as unlike as the masses: that the rows are independent is known from G."""

@@ -47,12 +47,11 @@ def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) ->
     fresh = np.zeros(len(m.inverse_mass))
     for i in chosen:
         row_form(m, w, trajectory.t[i], q[i], v[i])
-        stuck = slip[i] == 0
-        force, y, x, outcome, *_ = hlcp.solve(m, w, slip[i], stuck)
+        force, y, x, outcome, *_ = hlcp.solve(m, w, slip[i])
         if outcome != SOLVED:
             unsolved += 1
             continue
-        A0, A1, b, _, _ = hlcp.assemble(m, w, slip[i], stuck)
+        A0, A1, b, _, _ = hlcp.assemble(m, w, slip[i])
         residual = max(residual, hlcp.residual(A0, A1, b, y, x))
         acceleration(m, w, force, fresh)
         difference = max(difference, float(np.max(np.abs(fresh - a[i]))))

@@ -34,8 +34,8 @@ from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, end_at_several
 from stiction.reference_impl.integration.step_audit import audit
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace, workspace
-from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.singular_positions import error_along_motion
 from stiction.reference_impl.multibody.trajectory_columns import write_sample

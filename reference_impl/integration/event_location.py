@@ -36,8 +36,7 @@ from stiction.reference_impl.compiled.loops import copy, product
 from stiction.reference_impl.integration.dop853 import STAGES, C, dense_at
 from stiction.reference_impl.integration.integration_state import NO_EVENT, NODES, NOISE, State, noise
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 SETTLED = 1e-6
 """Part of the step by which a zero of the dense output may still move when it is taken: what that is wrong by is left

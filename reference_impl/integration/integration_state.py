@@ -10,8 +10,7 @@ from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.integration.dop853 import BY_TIME, EXTRA, STAGES, A, C, combine
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.dynamics import largest_force, largest_speed
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 NODES = 8
 """Degree of the polynomials by which a searched step is represented (`event_location`)."""

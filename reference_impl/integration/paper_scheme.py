@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Flags, Integers, IntegerTable, Reals
+from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.contact_solvers import solve_contact
@@ -22,8 +22,8 @@ from stiction.reference_impl.friction.solvers import AUTOMATIC, named
 from stiction.reference_impl.integration.result import (REVERSAL, SLIP, STICK, EventLog, Run, Samples, breakdown_of,
                                                         columns_and_events)
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace, workspace
-from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Mechanism
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Mechanism, Workspace
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.trajectory_columns import write_sample
 from stiction.scenes import Cost
@@ -55,23 +55,20 @@ class State(Bundle):
     dy: Reals
     slip: Integers  # (frictional,), directions of slip, 0 at rest
     old_slip: Integers  # in the step before
-    stuck: Flags  # at rest now
-    rested: Flags  # at rest in the step before
     corner: IntegerTable  # (frictional, 2), signs of the corner forces
     rest_speed: Reals  # (frictional,), slip speed up to which a guide comes to rest (`choose_mode`), m/s
     start_speed: Reals  # (frictional,), slip speed at the start of the step, m/s
 
 
 @kernel(allocates=True)
-def _evaluate(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, stuck: Flags, corner: IntegerTable,
-              dy: Reals) -> int:
+def _evaluate(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals) -> int:
     """y' into dy by the contact solver, without friction by a linear solve; returns the solver's outcome."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
     w.counters.rhs += 1
     outcome = SOLVED
     if len(m.friction):
-        outcome, _ = solve_contact(m, w, slip, stuck, corner, np.empty(len(m.friction)))
+        outcome, _ = solve_contact(m, w, slip, corner, np.empty(len(m.friction)))
     else:
         solve_mode(m, w, slip, corner)
     for i in range(n):
@@ -87,7 +84,7 @@ def _runge_kutta(m: Arrays, w: Workspace, s: State, t: float, h: float) -> int:
     for k in range(4):
         for i in range(len(s.y)):
             s.stage[i] = s.y[i] + RK_NODES[k] * h * s.dy[i] if k > 0 else s.y[i]
-        outcome = _evaluate(m, w, t + RK_NODES[k] * h, s.stage, s.slip, s.stuck, s.corner, s.dy)
+        outcome = _evaluate(m, w, t + RK_NODES[k] * h, s.stage, s.slip, s.corner, s.dy)
         if outcome != SOLVED:
             return outcome
         for i in range(len(s.y)):
@@ -122,7 +119,7 @@ def march(m: Arrays, w: Workspace, beside: Workspace, s: State, task: Steps, sam
                 if outcome != SOLVED:
                     return outcome, written, began, t
             if partial == 0 and step % task.every == 0:
-                outcome = _evaluate(m, w, t, y, slip, s.stuck, s.corner, s.dy)
+                outcome = _evaluate(m, w, t, y, slip, s.corner, s.dy)
                 if outcome != SOLVED:
                     return outcome, written, events, t
                 write_sample(w, y, s.dy, slip, samples.motion[written], samples.force[written], samples.slip[written])
@@ -157,12 +154,11 @@ def march(m: Arrays, w: Workspace, beside: Workspace, s: State, task: Steps, sam
 def _log_changes(s, log, t, events, began):
     """Take over the mode that was chosen, and log the guides whose mode it changes; returns the events so far."""
     for f in range(len(s.slip)):
-        s.stuck[f], s.rested[f] = s.slip[f] == 0, s.old_slip[f] == 0
         if began and s.slip[f] != s.old_slip[f] and events < len(log.t):
             kind = SLIP if s.old_slip[f] == 0 else STICK if s.slip[f] == 0 else REVERSAL
             log.t[events], log.kind[events], log.guide[events] = t, kind, f
             events += 1
-        s.rest_speed[f] = HOLDS if s.stuck[f] else LEAVES
+        s.rest_speed[f] = HOLDS if s.slip[f] == 0 else LEAVES
     return events
 
 
@@ -170,8 +166,8 @@ def _log_changes(s, log, t, events, began):
 def _log_sides(m, beside, s, log, t, began, events):
     """Log the values before and after the events of an instant; returns the solver's outcome."""
     for side in range(2):  # the mode that follows last: it leaves its corners' signs
-        mode, stuck = (s.slip, s.stuck) if side else (s.old_slip, s.rested)
-        outcome = _evaluate(m, beside, t, s.y, mode, stuck, s.corner, s.dy)
+        mode = s.slip if side else s.old_slip
+        outcome = _evaluate(m, beside, t, s.y, mode, s.corner, s.dy)
         if outcome != SOLVED:
             return outcome
         for i in range(began, events):
@@ -194,7 +190,7 @@ def _step_to_rest(m: Arrays, w: Workspace, s: State, t: float, rest: float) -> t
     row_form(m, w, t + h, y_new[:n], y_new[n:])
     for f in range(len(m.friction)):
         begin, end = slip[f] * s.start_speed[f], slip[f] * w.slip_speed[f]
-        if not s.stuck[f] and end < 0.0:
+        if slip[f] != 0 and end < 0.0:
             x = begin / (begin - end) if begin > 0.0 else 0.5
             if first == NO_GUIDE or x < fraction:
                 first, fraction = f, x
@@ -237,7 +233,7 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
     n, nf = len(q), len(m.friction)
     samples, log = Samples.room(m, steps // every + 1), EventLog.room(m, MOST_EVENTS, MOST_EVENTS if sides else 0)
     samples.t[:] = np.arange(len(samples.t)) * (every * dt)
-    state = State.zeros(y=2 * n, y_new=2 * n, stage=2 * n, dy=2 * n, slip=nf, old_slip=nf, stuck=nf, rested=nf,
+    state = State.zeros(y=2 * n, y_new=2 * n, stage=2 * n, dy=2 * n, slip=nf, old_slip=nf,
                         corner=(nf, 2), rest_speed=nf, start_speed=nf)
     state.y[:], state.corner[:] = np.concatenate([q, v]), 1
     task, prepared = Steps(dt, steps, every, int(mechanism.projection)), clock()

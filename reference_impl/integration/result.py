@@ -92,7 +92,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT):
         _, guide = gain_of_mode(m, w, slip)
     if code == SIGN_CYCLE:
-        _, _, guide = trial_and_error(m, w, slip, slip == 0, corner, np.zeros(len(w.force)), np.zeros_like(slip))
+        _, _, guide = trial_and_error(m, w, slip, corner, np.zeros(len(w.force)), np.zeros_like(slip))
     if code == AUDIT:
         guide = int(np.argmin([min(np.divide(margin(m, w, slip, f), scales)) for f in range(len(m.friction))]))
     if code == JAM:

@@ -11,8 +11,7 @@ from stiction.reference_impl.friction.uniqueness import gain_of_mode, has_severa
 from stiction.reference_impl.integration.dop853 import dense_at
 from stiction.reference_impl.integration.integration_state import State
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 NEARLY_SEVERAL = 0.5
 """Friction gain at either end of a step from which on the step is watched: several motions need 1."""

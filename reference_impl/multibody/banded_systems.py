@@ -15,8 +15,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Integers, at
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, solve_in_place
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 
 @kernel

@@ -15,8 +15,8 @@ from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import product
 from stiction.reference_impl.multibody import baumgarte
-from stiction.reference_impl.multibody.kinematics import Workspace, constraints_at, direction_at, law_at, point_at
-from stiction.reference_impl.multibody.mechanism import ANGLE, AXIS, Arrays
+from stiction.reference_impl.multibody.kinematics import constraints_at, direction_at, law_at, point_at
+from stiction.reference_impl.multibody.mechanism import ANGLE, AXIS, Arrays, Workspace
 
 ONE, TWO = np.uint64(1), np.uint64(2)
 """To be added to the unsigned indices of `Arrays.block` and `Arrays.pair`: a signed one is looked at whether it counts

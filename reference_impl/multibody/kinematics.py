@@ -3,41 +3,14 @@
 from __future__ import annotations
 
 from math import cos, sin, sqrt
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.friction.solvers import AUTOMATIC, Counters
+from stiction.reference_impl.friction.solvers import AUTOMATIC
 from stiction.reference_impl.multibody.mechanism import (ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE,
-                                                         REVOLUTE, Arrays)
-
-
-class Workspace(Bundle):
-    """Quantities of one instant; `all` rows are the constraint rows and, behind them, the tangential ones."""
-
-    rotation: Table  # (bodies, 2), cosine and sine of the bodies' angles
-    J: Reals  # (6 * all,), of each row three coefficients for its body a and three for b
-    JM: Reals  # as J, divided by the masses
-    phi: Reals  # (rows,), Phi
-    phi_dot: Reals  # (rows,), Phi' = J v + dPhi/dt
-    gamma: Reals  # (all,), Phi'' = J q'' + gamma; for a tangential row the same of the slip velocity
-    slip_speed: Reals  # (frictional,), g_T', m/s
-    free: Reals  # (3 * bodies,), M^-1 Q, the acceleration without joints
-    G: Table  # (all, all), J M^-1 J^T
-    right: Reals  # (all,), G times the row forces for the constraints (and a stuck slider) to hold
-    stabilizing: Reals  # (rows,), Baumgarte's terms 2 alpha Phi' + beta^2 Phi, as far as `right` contains them
-    held: Annotated[np.ndarray, np.uint64, 1]  # scratch for linear solves, as A, x, unit and response
-    A: Table
-    x: Reals
-    unit: Reals
-    response: Table
-    force: Reals  # (all,), multipliers, then the frictions on the sliders
-    event: Reals  # (3 * frictional,), event functions of the contact mode, all >= 0 while it lasts
-    solver: int  # of contact problems; one of `solvers.SOLVERS`
-    counters: Counters  # work done so far
-    separate: Bundles  # those of `Arrays.separate`; bodies, their rows and the counters are shared
+                                                         REVOLUTE, Arrays, Workspace)
 
 
 def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:

@@ -14,8 +14,7 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, RANK_TOLERANCE, minimum_norm, solve_in_place
 from stiction.reference_impl.multibody.banded_systems import solve_cell
 from stiction.reference_impl.multibody.dynamics import add_rows, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 from stiction.reference_impl.multibody.singular_positions import leave_nearly_dependent
 
 MET = 1e-15

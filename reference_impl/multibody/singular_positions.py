@@ -29,8 +29,7 @@ from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, decom
 from stiction.reference_impl.compiled.loops import is_finite, product, subtract
 from stiction.reference_impl.integration.dop853 import STAGES, A, C, combine, error_norm
 from stiction.reference_impl.multibody.dynamics import roots_of_mobility, row_form, unit_rows
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 SINGULAR_POSITION = 1e-5
 """A singular value of J M^-1/2, rows of unit size, that counts as zero, relative to the largest. Nearer to the singular

@@ -13,8 +13,8 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.coulomb import equal_mobilization, split_between_corners
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace, workspace
-from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism, Workspace
 from stiction.scenes import InputError
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.model import Translational

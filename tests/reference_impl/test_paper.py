@@ -98,7 +98,7 @@ def test_hlcp_as_compiled(moment):
     scene, t, q, v, mode = moment
     paper = Paper(scene)
     mechanism, m, w = compiled_rows(scene, t, q, v)
-    A0, A1, b, _, _ = hlcp.assemble(m, w, mode, mode == 0)
+    A0, A1, b, _, _ = hlcp.assemble(m, w, mode)
     order, written = in_order(paper, mechanism), paper.hlcp(t, q, v, mode)
     order += range(len(order), len(b))
     close(A0[order], written.A0)
@@ -114,7 +114,7 @@ def test_solution_as_compiled(moment):
     paper = Paper(scene)
     mechanism, m, w = compiled_rows(scene, t, q, v)
     assume(gain_of_mode(m, w, mode)[0] < 0.9)
-    force, _, _, outcome, _ = hlcp.solve(m, w, mode, mode == 0)
+    force, _, _, outcome, _ = hlcp.solve(m, w, mode)
     assert outcome == SOLVED
     found = paper.solve(t, q, v, mode)
     motion = np.zeros(len(q))

@@ -46,8 +46,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
                                                   mode_choice, uniqueness)
     from stiction.reference_impl.integration import (event_driven, event_location, integration_state, mode_switch,
                                                      right_hand_side, step_audit)
-    from stiction.reference_impl.multibody import (banded_systems, dynamics, projection, singular_positions,
-                                                   trajectory_columns)
+    from stiction.reference_impl.multibody import banded_systems, dynamics, projection, trajectory_columns
 
     always = (event_driven._locate, event_driven._attempt, dynamics.row_form, right_hand_side.right_hand_side,
               integration_state._stages, event_driven._propose, event_driven._emit, event_driven._refresh,
@@ -55,7 +54,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
     rest = (trajectory_columns.write_sample, trajectory_columns.residual_norms, event_driven._commit,
             frozen_mode.solve_mode, *((projection.project, projection._correct) if projects else ()))
     if not friction:
-        return (*always, *rest, linear_algebra.solve_in_place, singular_positions.error_along_motion)
+        return (*always, *rest, linear_algebra.solve_in_place, integration_state.error_along_motion)
     return (mode_switch.switch_mode, hlcp.solve, hlcp.assemble, *always, event_location.zero_near_end,
             event_location._stays_positive, uniqueness.has_several, uniqueness._count, mode_choice._settle,
             mode_switch.begin, mode_switch.begin_mode, step_audit.audit, event_location.go_to_event,

@@ -29,14 +29,9 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable,
                   accelerate: Reals) -> tuple[int, float]:
     """Row forces into w.force for the rows in the workspace; the static coefficient holds for every guide at rest.
 
-    Parameters
-    ----------
-    slip : ndarray of int, shape (frictional,)
-        As in `hlcp.assemble`.
-    corner : ndarray of int, shape (frictional, 2)
-        Signs of the corner forces: on entry those of the previous instant, on return those of the solution.
-    accelerate : ndarray, shape (frictional,)
-        Receives the acceleration (m/s^2) with which a guide at rest begins to slip.
+    `slip` as in `hlcp.assemble`. `corner`, (frictional, 2): signs of the corner forces, on entry those of the previous
+    instant, on return those of the solution. `accelerate` receives the acceleration (m/s^2) with which a guide at rest
+    begins to slip.
 
     Returns
     -------

@@ -43,19 +43,10 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, forces: Table, directions
               compliance: float = 0.0, limit: int = LIMIT) -> int:
     """The consistent contact modes of the rows in the workspace; the static coefficient holds for every guide at rest.
 
-    Parameters
-    ----------
-    slip, compliance
-        As in `hlcp.assemble`.
-    forces : ndarray, shape (k, rows + frictional)
-        Receives the row forces of the first k solutions whose accelerations differ; the search ends with the k-th.
-    directions : ndarray of int, shape (k, frictional)
-        Receives the direction in which each guide slips or begins to; 0 for one that stays at rest.
-
-    Returns
-    -------
-    int
-        The number of solutions found, of those whose linear system is regular; TOO_MANY of more than `limit` modes.
+    `slip` and `compliance` as in `hlcp.assemble`. `forces`, (k, rows + frictional), receives the row forces of the
+    first k solutions whose accelerations differ; the search ends with the k-th. `directions`, (k, frictional), receives
+    the direction in which each guide slips or begins to; 0 for one that stays at rest. Returns the number of solutions
+    found, of those whose linear system is regular; TOO_MANY of more than `limit` modes.
     """
     nr, nf = m.rows, len(m.friction)
     if modes(m, slip) > limit:
@@ -162,12 +153,8 @@ def revise(m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: 
     """Change, in place, every sign and direction of a mode that its forces contradict.
 
     A guide at rest whose friction exceeds its capacity begins to slip, with the signs that its corner forces have; one
-    that begins to slip against its acceleration rests.
-
-    Returns
-    -------
-    int
-        The first guide that was contradicted; NO_GUIDE if the mode is consistent.
+    that begins to slip against its acceleration rests. Returns the first guide that was contradicted; NO_GUIDE if the
+    mode is consistent.
     """
     nr, first, largest = m.rows, NO_GUIDE, largest_force(m, w, force)
     for f in range(len(m.friction)):

@@ -49,19 +49,12 @@ def assemble(m: Arrays, w: Workspace, slip: Integers,
              compliance: float = 0.0) -> tuple[Table, Table, Reals, Table, Table]:
     """A0, A1, b of eq. (36) for the rows in the workspace.
 
-    Parameters
-    ----------
-    m, w : Arrays, Workspace
-        Filled by `dynamics.row_form`.
-    slip : ndarray of int, shape (frictional,)
-        sgn(g_T) of each frictional guide; 0 of those at rest, the set H.
-    compliance : float
-        Added to the diagonal of the constraint rows of G, relative to it.
+    `slip`: sgn(g_T) of each frictional guide; 0 of those at rest, the set H. `compliance` is added to the diagonal of
+    the constraint rows of G, relative to it.
 
     Returns
     -------
-    A0, A1 : ndarray, shape (n, n)
-    b : ndarray, shape (n,)
+    A0, A1, b : ndarray, shape (n, n), (n, n), (n,)
     E0, E1 : ndarray, shape (rows + frictional, n)
         Row forces per unit of each variable: force = E0 y + E1 x.
     """

@@ -33,19 +33,9 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
                 rest_speed: Reals) -> int:
     """Decide stick or slip and the corners' signs at (t, q, v), in place.
 
-    Parameters
-    ----------
-    slip : ndarray of int, shape (frictional,)
-        Receives the directions; read for a guide that has just broken away.
-    corner : ndarray of int, shape (frictional, 2 or more)
-        The corners' signs: before, and on return after.
-    rest_speed : ndarray, shape (frictional,)
-        Slip speed (m/s) up to which a guide is at rest; HOLDS; or LEAVES, in the direction `slip`.
-
-    Returns
-    -------
-    outcome : int
-        The solver's (`outcomes`), or SEVERAL, or JAM.
+    `slip` receives the directions, and is read for a guide that has just broken away. `corner`, of two columns or more:
+    the corners' signs, before, and on return after. `rest_speed`: slip speed (m/s) up to which a guide is at rest;
+    HOLDS; or LEAVES, in the direction `slip`. Returns the outcome: the solver's (`outcomes`), or SEVERAL, or JAM.
     """
     row_form(m, w, t, q, v)
     for f in range(len(slip)):

@@ -30,14 +30,8 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTabl
     solution, and is left alone where none is found. `force` and `direction` receive the row forces and the direction in
     which each guide slips or begins to, 0 for one that stays at rest.
 
-    Returns
-    -------
-    outcome : int
-        SOLVED; SIGN_CYCLE: an earlier set of assumptions came back; SINGULAR: so is the system of a set.
-    trials : int
-        Linear solves.
-    guide : int
-        The first guide whose assumptions the last trial contradicted, or NO_GUIDE.
+    Returns the outcome (SOLVED; SIGN_CYCLE: an earlier set of assumptions came back; SINGULAR: so is the system of a
+    set), the number of linear solves, and the first guide whose assumptions the last one contradicted, or NO_GUIDE.
     """
     nr, nf = m.rows, len(m.friction)
     size = 0 if len(m.cell) else nr + nf

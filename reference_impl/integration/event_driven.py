@@ -26,8 +26,9 @@ from stiction.reference_impl.integration.dop853 import (A_EXTRA, C_EXTRA, EXTRA,
                                                         dense_coefficients, error_norm)
 from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, falls_to_end, first_root,
                                                                 go_to_event, may_vanish, zero_near_end)
-from stiction.reference_impl.integration.integration_state import (AT_ONCE, NO_EVENT, NOISE, State, Task, noise,
-                                                                   remember, state, take_step)
+from stiction.reference_impl.integration.integration_state import (AT_ONCE, NO_EVENT, NOISE, State, Task,
+                                                                   error_along_motion, noise, remember, state,
+                                                                   take_step)
 from stiction.reference_impl.integration.mode_switch import begin, switch_mode
 from stiction.reference_impl.integration.result import EventLog, Run, Samples, breakdown_of, columns_and_events
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
@@ -37,7 +38,6 @@ from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
 from stiction.reference_impl.multibody.projection import project
-from stiction.reference_impl.multibody.singular_positions import error_along_motion
 from stiction.reference_impl.multibody.trajectory_columns import write_sample
 from stiction.scenes import Cost
 
@@ -139,7 +139,7 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
     bodies = len(m.inverse_mass) // 3 if smooth and task.rtol >= LEAST_BY_BODY else 0
     error = error_norm(s.K, h, s.scale, bodies)
     if 1.0 < error < np.inf and smooth:
-        error = error_along_motion(m, w, p.time, h, s.y, s.y_new, s.K, s.scale, s.probe, error, bodies)
+        error = error_along_motion(m, w, s, error, bodies)
     if not error <= 1.0:
         w.counters.rejected += 1
         if not np.isfinite(error):
@@ -210,10 +210,10 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
         length = step.fraction * h
         take_step(m, w, s, t, length)
         correction = -s.seen[STAGES - 1, step.event] * h / slope
-        step.length, met = go_to_event(m, w, s, length, correction, SLOPE, step.event, False)
+        step.length, met = go_to_event(m, w, s, length, correction, SLOPE, False)
     elif meets and not suspicious:
         step.event = p.aimed
-        step.length, met = go_to_event(m, w, s, h, ahead * h, NEAR, step.event, True)
+        step.length, met = go_to_event(m, w, s, h, ahead * h, NEAR, True)
         step.fraction = step.length / h
         if t + step.length > step.stop:
             p.step = max(p.step, step.stop - t)  # there is none before the stop: a step that ends there
@@ -339,18 +339,9 @@ class Options:
 class Integration:
     """A motion of a mechanism from t = 0 with frozen contact modes and located events.
 
-    Begun when this is made, stepped when its run is asked for.
-
-    Parameters
-    ----------
-    q, v : ndarray, shape (3 * bodies,)
-        State at t = 0, on the constraints.
-    output : ndarray
-        Output times, increasing, within [0, t_end].
-    rtol : float
-        Local error per step relative to the mechanism's size (positions; 1 rad for angles) and to its
-        largest speed so far (velocities).
-    options : Options, optional
+    Begun when this is made, stepped when its run is asked for. `q` and `v` (3 * bodies,): the state at t = 0, on the
+    constraints. `output`: times, increasing, within [0, t_end]. `rtol`: local error per step relative to the
+    mechanism's size (positions; 1 rad for angles) and to its largest speed so far (velocities).
     """
 
     def __init__(self, mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,

@@ -360,16 +360,16 @@ def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at
 
 
 @kernel
-def go_to_event(m: Arrays, w: Workspace, s: State, h: float, correction: float, error: float, event: int,
+def go_to_event(m: Arrays, w: Workspace, s: State, h: float, correction: float, error: float,
                 first: bool) -> tuple[float, bool]:
-    """Go from the end of a step h to the zero of an event function, by the secant method.
+    """Go from the end of a step h to the zero of the event function of the attempt, by the secant method.
 
     correction : how much longer the step must be; `error`: the part of itself by which that is wrong.  first : there is
     to be no zero of another event function on the way. Returns the step, and whether it ends at the zero; w.event is
     then of its end. If the zero is off by more than a hundredth of the step, then its slope is not believed either; a
     zero through which the function rises is not that event.
     """
-    t, y_new, K = s.progress.time, s.y_new, s.K
+    t, y_new, K, event = s.progress.time, s.y_new, s.K, s.attempt.event
     value = s.seen[STAGES - 1, event]
     for _ in range(CORRECTIONS):
         rises = correction * value < 0.0  # towards the end of a dip, not to its beginning

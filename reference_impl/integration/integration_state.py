@@ -7,10 +7,12 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals, Record, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.integration.dop853 import BY_TIME, EXTRA, STAGES, A, C, combine
+from stiction.reference_impl.integration.dop853 import BY_TIME, EXTRA, STAGES, A, C, combine, error_norm
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.dynamics import largest_force, largest_speed
+from stiction.reference_impl.multibody.dynamics import largest_force, largest_speed, row_form
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
+from stiction.reference_impl.multibody.singular_positions import (ALWAYS_DEPENDENT, AROUND, NEAR, lengths,
+                                                                  pivots_are_above, singular_rows, smallest)
 
 NODES = 8
 """Degree of the polynomials by which a searched step is represented (`event_location`)."""
@@ -154,3 +156,41 @@ def _stages(m: Arrays, w: Workspace, s: State, t: float, h: float, y: Reals,  # 
         for e in range(len(w.event)):
             seen[BY_TIME[i], e] = w.event[e]
     copy(stage, y_new)
+
+
+@kernel(allocates=True)
+def error_along_motion(m: Arrays, w: Workspace, s: State, error: float, bodies: int) -> float:
+    """Estimated local error of the step (`dop853.error_norm`) without its part along another branch of motion.
+
+    That part is left out where a stage has a singular value of J below NEAR: the directions are those of the stage that
+    has the smallest. The rows of the workspace are those of y_new, before and after.
+    """
+    n, unit, nearest, t, h = len(m.inverse_mass), lengths(m), NEAR, s.progress.time, s.attempt.h
+    if len(m.cell) == 0 and pivots_are_above(m, w, AROUND ** 2):
+        return error  # far cheaper than singular values
+    _, _, values, across = singular_rows(m, w, unit)
+    if not smallest(values) < AROUND:
+        return error
+    first, last = 0, 0
+    for stage in range(1, STAGES + 1):
+        combine(s.K, A[stage], stage, h, s.y, s.probe)
+        row_form(m, w, t + C[stage] * h, s.probe[:n], s.probe[n:])
+        _, _, values, right_of = singular_rows(m, w, unit)
+        if smallest(values) < nearest:
+            nearest, across, first, last = smallest(values), right_of, 0, 0
+            for value in values:
+                first += 1 if value >= NEAR * values[0] else 0
+                last += 1 if value > ALWAYS_DEPENDENT * values[0] else 0
+    row_form(m, w, t + h, s.y_new[:n], s.y_new[n:])
+    if first == last:
+        return error
+    along = s.K.copy()
+    for i in range(STAGES + 1):
+        for half in range(0, 2 * n, n):
+            for k in range(first, last):
+                part = 0.0
+                for c in range(n):
+                    part += across[c, k] * along[i, half + c] / unit[c]
+                for c in range(n):
+                    along[i, half + c] -= unit[c] * across[c, k] * part
+    return error_norm(along, h, s.scale, bodies)

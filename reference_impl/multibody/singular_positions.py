@@ -27,8 +27,7 @@ from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, decompose, solve_in_place
 from stiction.reference_impl.compiled.loops import is_finite, product, subtract
-from stiction.reference_impl.integration.dop853 import STAGES, A, C, combine, error_norm
-from stiction.reference_impl.multibody.dynamics import roots_of_mobility, row_form, unit_rows
+from stiction.reference_impl.multibody.dynamics import roots_of_mobility, unit_rows
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 SINGULAR_POSITION = 1e-5
@@ -52,12 +51,8 @@ end of a step no stage of it is looked at."""
 def singular_rows(m: Arrays, w: Workspace, unit: Reals) -> tuple[Reals, Table, Reals, Table]:
     """Singular values of the constraint rows, each of unit size, in coordinates divided by `unit` (3 * bodies,).
 
-    Returns
-    -------
-    size : ndarray, shape (rows,)
-        By which the rows were divided; nan in all of them where one is not finite, and then the rest are zeros.
-    left_of, s, right_of
-        Those of the rows, as `linear_algebra.decompose`.
+    Returns the sizes by which the rows were divided, and what `linear_algebra.decompose` makes of them. Where a row is
+    not finite all sizes are nan, and the rows count as zeros.
     """
     J, size = unit_rows(m, w, m.rows, unit)
     finite = True
@@ -126,6 +121,15 @@ def leave_nearly_dependent(m: Arrays, w: Workspace, residual: Reals) -> None:
 
 
 @kernel
+def smallest(s):
+    """Smallest singular value of rows that are not always dependent, over the largest."""
+    for k in range(len(s) - 1, 0, -1):
+        if s[k] > ALWAYS_DEPENDENT * s[0]:
+            return s[k] / s[0]
+    return 1.0
+
+
+@kernel
 def pivots_are_above(m, w, tolerance):
     """Return True where no pivot of G of the constraint rows is below `tolerance`; the scratch is used."""
     for r in range(m.rows):
@@ -133,51 +137,3 @@ def pivots_are_above(m, w, tolerance):
         for c in range(m.rows):
             w.A[r, c] = w.G[r, c]
     return solve_in_place(w.A, w.x, w.unit, m.rows, m.rows, tolerance)
-
-
-@kernel(allocates=True)
-def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals,  # noqa: PLR0913 - a kernel's arrays
-                       y_new: Reals, K: Table, scale: Reals, probe: Reals, error: float, bodies: int) -> float:
-    """Estimated local error of a step (`dop853.error_norm`) without its part along another branch of motion.
-
-    That part is left out where a stage has a singular value of J below NEAR: the directions are those of the stage that
-    has the smallest. The rows of the workspace are those of y_new, before and after.
-    """
-    n, unit, nearest = len(m.inverse_mass), lengths(m), NEAR
-    if len(m.cell) == 0 and pivots_are_above(m, w, AROUND ** 2):
-        return error  # far cheaper than singular values
-    _, _, s, across = singular_rows(m, w, unit)
-    if not _smallest(s) < AROUND:
-        return error
-    first, last = 0, 0
-    for stage in range(1, STAGES + 1):
-        combine(K, A[stage], stage, h, y, probe)
-        row_form(m, w, t + C[stage] * h, probe[:n], probe[n:])
-        _, _, s, right_of = singular_rows(m, w, unit)
-        if _smallest(s) < nearest:
-            nearest, across, first, last = _smallest(s), right_of, 0, 0
-            for k in range(len(s)):
-                first += 1 if s[k] >= NEAR * s[0] else 0
-                last += 1 if s[k] > ALWAYS_DEPENDENT * s[0] else 0
-    row_form(m, w, t + h, y_new[:n], y_new[n:])
-    if first == last:
-        return error
-    along = K.copy()
-    for i in range(STAGES + 1):
-        for half in range(0, 2 * n, n):
-            for k in range(first, last):
-                part = 0.0
-                for c in range(n):
-                    part += across[c, k] * along[i, half + c] / unit[c]
-                for c in range(n):
-                    along[i, half + c] -= unit[c] * across[c, k] * part
-    return error_norm(along, h, scale, bodies)
-
-
-@kernel
-def _smallest(s):
-    """Smallest singular value of rows that are not always dependent, over the largest."""
-    for k in range(len(s) - 1, 0, -1):
-        if s[k] > ALWAYS_DEPENDENT * s[0]:
-            return s[k] / s[0]
-    return 1.0

@@ -26,19 +26,11 @@ GUIDE_COLUMNS, DRIFT_COLUMNS = ("displacement", "slip_velocity"), ("position", "
 def build_columns(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray,
                   force: np.ndarray, slip: np.ndarray | None = None,
                   names: Collection[str] | None = None) -> dict[str, np.ndarray]:
-    """Columns of a trajectory (names: `stiction.scenes.Trajectory`).
+    """Columns of a trajectory (names: `stiction.scenes.Trajectory`); all where `names` is None.
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-    q, v, a : ndarray, shape (n, 3 * bodies)
-    force : ndarray, shape (n, rows + frictional)
-        Row forces: multipliers in the order of `mechanism.row_names`, then the frictions on the sliders.
-    slip : ndarray of int, shape (n, frictional), optional
-        Contact modes (d; 0 = stick). Without them the corner forces are those of equal mobilization throughout
-        and there is no column ``mode``.
-    names : Collection of str, optional
-        The columns that are wanted; all where None.
+    `q`, `v` and `a` are (n, 3 * bodies). `force`, (n, rows + frictional): multipliers in the order of
+    `mechanism.row_names`, then the frictions on the sliders. `slip`, (n, frictional): contact modes (d; 0 = stick);
+    without them the corner forces are those of equal mobilization throughout and there is no column ``mode``.
     """
     def are_wanted(prefix: str, labels: Sequence[str]) -> bool:
         return names is None or any(f"{prefix}.{label}" in names for label in labels)

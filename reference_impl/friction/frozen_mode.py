@@ -37,7 +37,7 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
     False if the system was singular and solved in the minimum-norm sense; the forces are nan if it is contradictory.
     """
     if len(m.cell):
-        return _solve_cells(m, w, slip, corner)
+        return solve_cells(m, w, slip, slip, corner, False)
     nr, nf = m.rows, len(m.friction)
     n = _fill(m, w, slip, corner)
     regular = eliminate(w.A, w.x, w.unit, n, n, RANK_TOLERANCE if nf > 0 else ELIMINATION)
@@ -68,47 +68,35 @@ def friction_of(m, f, slip, corner, force):
 
 
 @kernel
-def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
-    """Variant of `solve_mode`, cell by cell."""
+def solve_cells(m: Arrays, w: Workspace, slip: Integers, direction: Integers, corner: IntegerTable,
+                assumed: bool) -> bool:
+    """Variant of `solve_mode`, cell by cell, for guides that slip, or begin to with mus where `slip` is 0.
+
+    Where the `direction` is only `assumed`, a cell that is singular ends it.
+    """
     all_regular, without_friction = True, len(m.friction) == 0
     for c in range(len(m.cell)):
         band, first = m.cell[c].band, m.cell[c].first
-        n = _fill_cell(m, w, c, slip, slip, corner, band)
+        n = _fill_cell(m, w, c, slip, direction, corner, band)
         if not solve_in_place(w.A, w.x, w.unit, n, band, ELIMINATION if without_friction else RANK_TOLERANCE):
             if without_friction:
                 shortest_forces(m, w)
+            if without_friction or assumed:
                 return False
-            all_regular = False
-            rests = False
+            all_regular, rests = False, False
             for k in range(n):
                 rests = rests or m.order[first + k] >= m.rows and slip[m.order[first + k] - m.rows] == 0
             if rests and baumgarte.is_used(m) and solve_cell(m, w, c, w.phi, 0.0, slip, False):
                 for k in range(n):
                     if m.order[first + k] < m.rows:
                         baumgarte.leave_out(w, m.order[first + k])
-            _fill_cell(m, w, c, slip, slip, corner, n)
+            _fill_cell(m, w, c, slip, direction, corner, n)
             if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
                 for k in range(n):
                     w.x[k] = np.nan
         for k in range(n):
             w.force[m.order[first + k]] = w.x[k]
     return all_regular
-
-
-@kernel
-def solve_assumed(m: Arrays, w: Workspace, slip: Integers, direction: Integers, corner: IntegerTable) -> bool:
-    """Row forces into w.force for guides that begin to slip in a `direction`, with mus where slip is 0.
-
-    Returns whether every cell is regular.
-    """
-    for c in range(len(m.cell)):
-        band, first = m.cell[c].band, m.cell[c].first
-        n = _fill_cell(m, w, c, slip, direction, corner, band)
-        if not solve_in_place(w.A, w.x, w.unit, n, band):
-            return False
-        for k in range(n):
-            w.force[m.order[first + k]] = w.x[k]
-    return True
 
 
 @kernel

@@ -16,7 +16,7 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
 from stiction.reference_impl.compiled.loops import are_equal, copy
 from stiction.reference_impl.friction.enumeration import fill, revise
-from stiction.reference_impl.friction.frozen_mode import solve_assumed
+from stiction.reference_impl.friction.frozen_mode import solve_cells
 from stiction.reference_impl.friction.outcomes import SIGN_CYCLE, SINGULAR, SOLVED
 from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Workspace
 
@@ -43,7 +43,7 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTabl
     while True:
         trials += 1
         if len(m.cell):
-            regular = solve_assumed(m, w, slip, direction, signs)
+            regular = solve_cells(m, w, slip, direction, signs, True)
             copy(w.force, force)
         else:
             fill(m, w, slip, direction, signs, A, force, 0.0)

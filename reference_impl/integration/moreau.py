@@ -93,7 +93,9 @@ class State(Bundle):
 
 def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
     """The contacts of all guides, with a clearance in metres between the slider and each surface."""
-    m, contacts, released = mechanism.arrays, [], set()
+    m = mechanism.arrays
+    contacts: list[tuple[float, ...]] = []
+    released: set[int] = set()
     constraints = dict(zip([*mechanism.scene.joints, *mechanism.scene.drives], m.constraint))
     for number, (name, joint) in enumerate(mechanism.scene.guides.items()):
         c, half_a, half_b = constraints[name], 0.5 * (joint.length or 0.0), 0.5 * (joint.width or 0.0)

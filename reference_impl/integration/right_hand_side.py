@@ -59,7 +59,9 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
             w.event[3 * f] = capacity(m, f, R, T, 1.0) + friction
             w.event[3 * f + 1] = capacity(m, f, R, T, -1.0) - friction
             admissible = admissible and w.event[3 * f] >= 0.0 and w.event[3 * f + 1] >= 0.0
-            acceleration, rounding = _residual_acceleration(m, w, f)
+            t = m.rows + f
+            acceleration = row_acceleration(w, t, w.force)
+            rounding = HELD * max(abs(w.right[t]), largest_force(m, w, w.force) * sqrt(w.G[t, t]))
             if not abs(acceleration) <= rounding:
                 w.event[3 * f + (0 if acceleration > 0.0 else 1)] = -abs(acceleration)
                 held = False
@@ -82,10 +84,3 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
             elif accelerate[f] < -rest:
                 w.event[3 * f + 1] = accelerate[f]
     return outcome == SOLVED
-
-
-@kernel
-def _residual_acceleration(m, w, f):
-    """Acceleration that the row forces leave a guide at rest (m/s^2), and up to which it is rounding."""
-    t = m.rows + f
-    return row_acceleration(w, t, w.force), HELD * max(abs(w.right[t]), largest_force(m, w, w.force) * sqrt(w.G[t, t]))

@@ -24,6 +24,8 @@ from stiction.scenes.errors import ELEMENTS
 if TYPE_CHECKING:
     from stiction.reference_impl.integration.result import Run
 
+DRIFT = "drift."
+
 
 def connected_bodies(scene: Scene, pairs: Iterable[tuple[str, str]]) -> tuple[int, dict[str, int]]:
     """Number of groups of bodies that the pairs leave unconnected, and the group of each body, in their order."""
@@ -74,11 +76,12 @@ def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[
         return runs[0]
     broken = [run.breakdown for run in runs if run.breakdown is not None and run.breakdown.time <= until]
     rows = min(len(run.t) for run in runs)
-    found = {name: column[:rows] for run in runs for name, column in run.columns.items() if not _is_drift(name)}
+    found = {name: column[:rows] for run in runs for name, column in run.columns.items() if not name.startswith(DRIFT)}
     place = {name: i for i, name in enumerate(chain(scene.bodies, scene.joints, scene.drives))}
     columns = {name: found[name] for name in sorted(found, key=lambda name: place[name.partition(".")[0]])}
-    for name in filter(_is_drift, runs[0].columns):
-        columns[name] = np.sqrt(sum(run.columns[name][:rows] ** 2 for run in runs))
+    for name in runs[0].columns:
+        if name.startswith(DRIFT):
+            columns[name] = np.sqrt(sum(run.columns[name][:rows] ** 2 for run in runs))
     events = sorted((replace(event, before=_without_drift(event.before), after=_without_drift(event.after))
                      for run in runs for event in run.events if event.time <= until), key=lambda event: event.time)
     counters: Counter[str] = Counter()
@@ -89,9 +92,5 @@ def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[
                    breakdown=broken[0] if broken else None)
 
 
-def _is_drift(name: str) -> bool:
-    return name.startswith("drift.")
-
-
 def _without_drift(side):
-    return {name: value for name, value in side.items() if not _is_drift(name)}
+    return {name: value for name, value in side.items() if not name.startswith(DRIFT)}

@@ -35,7 +35,8 @@ def build_columns(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndar
     def are_wanted(prefix: str, labels: Sequence[str]) -> bool:
         return names is None or any(f"{prefix}.{label}" in names for label in labels)
 
-    m, read = mechanism.arrays, {}
+    m = mechanism.arrays
+    read: dict[str, np.ndarray] = {}
     for i, name in enumerate(mechanism.body_names):
         for values, labels in zip((q, v, a), BODY_COLUMNS):
             read.update({f"{name}.{label}": values[:, 3 * i + k] for k, label in enumerate(labels)})

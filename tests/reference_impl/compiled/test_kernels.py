@@ -190,7 +190,7 @@ class TestLinked:
             called, ahead = {{kernel.name for kernel in linked_kernels() if kernel.is_linked}}, {{kernel.name for kernel in event_kernels({friction}, {not friction})}}
             assert called == ahead, called ^ ahead
             print(right_hand_side.right_hand_side.is_linked, hlcp.solve.is_linked, mode_choice.choose_mode.is_linked,
-                  frozen_mode._solve_cells.is_linked, uniqueness._respond_banded.is_linked)
+                  frozen_mode.solve_cells.is_linked, uniqueness._respond_banded.is_linked)
             """)
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr

@@ -63,7 +63,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
             dynamics.unit_rows, banded_systems.open_cell, mode_switch._break_away, guides_at_rest.leave_together,
             guides_at_rest._take_along, mode_switch._count_other_modes, mode_choice.other_modes,
             mode_choice._other_modes, linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale,
-            hlcp._multiply, hlcp._violation, *rest, mode_choice.choose_mode, trajectory_columns.imbalance)
+            hlcp._rescale, hlcp._violation, *rest, mode_choice.choose_mode, trajectory_columns.imbalance)
 
 
 def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:

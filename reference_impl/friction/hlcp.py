@@ -177,8 +177,7 @@ def solve(m: Arrays, w: Workspace, slip: Integers,  # noqa: C901 - each way a so
         found = solutions(m, w, slip, forces, directions, compliance, limit)
         if found > 0:
             _variables(m, w, slip, forces[0], directions[0], y, x)
-            _multiply(y, unit_y, -1)
-            _multiply(x, unit_x, -1)
+            _rescale(y, x, unit_y, unit_x, -1)
             outcome = SOLVED
         elif found == 0:
             outcome = NONE
@@ -192,8 +191,7 @@ def solve(m: Arrays, w: Workspace, slip: Integers,  # noqa: C901 - each way a so
             if _polish(A0, right, q, y, x) > CONTRADICTION:
                 outcome = SINGULAR
             _share(m, w, slip, y, x, unit_y, unit_x)
-        _multiply(y, unit_y, 1)
-        _multiply(x, unit_x, 1)
+        _rescale(y, x, unit_y, unit_x, 1)
         for k in range(len(force)):
             for c in range(n):
                 force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
@@ -235,10 +233,11 @@ def _surfaces(slip):
 
 
 @kernel
-def _multiply(values: Reals, units: Reals, power: int) -> None:
-    """Multiply by units, or divide (power -1), in place."""
-    for i in range(len(values)):
-        values[i] = values[i] * units[i] if power > 0 else values[i] / units[i]
+def _rescale(y: Reals, x: Reals, unit_y: Reals, unit_x: Reals, power: int) -> None:
+    """Multiply y and x by their units, or divide (power -1), in place."""
+    for i in range(len(y)):
+        y[i] = y[i] * unit_y[i] if power > 0 else y[i] / unit_y[i]
+        x[i] = x[i] * unit_x[i] if power > 0 else x[i] / unit_x[i]
 
 
 @kernel(allocates=True)
@@ -355,8 +354,7 @@ def _share(m: Arrays, w: Workspace, slip: Integers, y: Reals, x: Reals, unit_y: 
     copy(event, w.event)
     if admissible:
         _variables(m, w, slip, w.force, slip, y, x)
-        _multiply(y, unit_y, -1)
-        _multiply(x, unit_x, -1)
+        _rescale(y, x, unit_y, unit_x, -1)
 
 
 @kernel

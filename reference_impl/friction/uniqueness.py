@@ -110,12 +110,12 @@ def gain_of_mode(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
     worst, where = 0.0, NO_GUIDE
     for c in range(count_cells(m)):
         own_m, own_w, guides = cell_of(m, w, c)
-        own_slip, choices = taken(slip, guides), min(1, len(guides))
+        own_slip, ways = taken(slip, guides), min(1, len(guides))
         for f in range(len(guides)):
-            choices = 2 if own_slip[f] == 0 else choices
-        for released in range(choices):
-            gain, guide = friction_gain(own_m, own_w, own_slip, released == 1)
-            if gain > worst or where == NO_GUIDE and guide != NO_GUIDE and released == 0:
+            ways = 2 if own_slip[f] == 0 else ways
+        for way in range(ways):  # guides at rest are held, then released
+            gain, guide = friction_gain(own_m, own_w, own_slip, way == 1)
+            if gain > worst or where == NO_GUIDE and guide != NO_GUIDE and way == 0:
                 worst, where = gain, guides[guide]
     return worst, where
 

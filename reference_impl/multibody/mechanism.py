@@ -20,6 +20,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
 from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, IntegerTable, Reals, Table
+from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.reference_impl.friction.solvers import Counters
 from stiction.reference_impl.multibody.baumgarte import PAPERS, coefficients
 from stiction.scenes import Problem, Scene, SceneError
@@ -168,10 +169,7 @@ class Mechanism:
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""
-        bodies = self.scene.bodies.values()
-        q = np.array([value for body in bodies for value in (*body.position, body.angle)])
-        v = np.array([value for body in bodies for value in (*body.velocity, body.angular_velocity)])
-        return q, v
+        return EquationsOfMotion(self.scene).start()
 
     def kinks(self, t_end: float) -> np.ndarray:
         """Times in (0, t_end) at which a law is not smooth, in order; see `stiction.scenes.laws.law_kinks`."""

@@ -143,17 +143,6 @@ def test_scheme_as_compiled(case, t_end):
     close([time for time, *_ in written.events], [event.time for event in compiled.events])
 
 
-@pytest.mark.parametrize("n", [1, 3, 6])
-def test_lemke_on_p_matrices(n):
-    random = np.random.default_rng(n)
-    for _ in range(30):
-        root, skew = random.normal(size=(2, n, n))
-        M, q = root @ root.T + 0.1 * np.eye(n) + skew - skew.T, random.normal(size=n)
-        y, x = lemke(M, q, random.uniform(0.1, 10, n))
-        assert np.all(y >= 0) and np.all(x >= 0) and np.all(y * x == 0)
-        close(M @ x + q - y, np.zeros(n), 1e-8, np.max(np.abs(q)))  # condition up to 1e3
-
-
 def test_ray_is_a_typed_failure():
     with pytest.raises(NoSolution, match="ray") as reason:
         lemke(np.array([[0.0]]), np.array([-1.0]), np.ones(1))

@@ -22,27 +22,16 @@ from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Torsiona
 
 @dataclass(frozen=True)
 class Moving:
-    """A quantity s(q, t), a number or a vector in the plane, along a motion; leading axes run over instants.
+    """A quantity s(q, t), a number or a vector in the plane, along a motion; leading axes run over instants."""
 
-    Attributes
-    ----------
-    value : ndarray, shape (..., n), or (...,) for a number
-    jacobian : ndarray, shape (..., n, k), or (..., k)
-        ds/dq.
-    rate : ndarray, shape as `value`
-        s' = ds/dq v + ds/dt.
-    gamma : ndarray, shape as `value`
-        What s'' = ds/dq q'' + gamma has without accelerations.
-    """
-
-    value: np.ndarray
-    jacobian: np.ndarray
-    rate: np.ndarray
-    gamma: np.ndarray
+    value: np.ndarray  # (..., n), or (...,) for a number
+    jacobian: np.ndarray  # (..., n, k), or (..., k): ds/dq
+    rate: np.ndarray  # as `value`: s' = ds/dq v + ds/dt
+    gamma: np.ndarray  # as `value`: s'' = ds/dq q'' + gamma
 
     def __sub__(self, other: Moving) -> Moving:
-        return Moving(self.value - other.value, self.jacobian - other.jacobian, self.rate - other.rate, self.gamma
-                      - other.gamma)
+        return Moving(self.value - other.value, self.jacobian - other.jacobian, self.rate - other.rate,
+                      self.gamma - other.gamma)
 
     def __getitem__(self, i: int) -> Moving:
         """A component of a vector."""
@@ -61,8 +50,7 @@ class Moving:
         def turn(x: np.ndarray) -> np.ndarray:
             return np.stack([-x[..., 1], x[..., 0]], -1)
         return Moving(turn(self.value), np.stack([-self.jacobian[..., 1, :], self.jacobian[..., 0, :]], -2),
-                      turn(self.rate),
-                      turn(self.gamma))
+                      turn(self.rate), turn(self.gamma))
 
     def norm(self) -> Moving:
         """The length d of a vector, from d^2: 2 d d' = (d^2)', 2 d d'' + 2 d'^2 = (d^2)''."""
@@ -253,7 +241,5 @@ class _Motion:
 
 def _stacked(rows: list[Moving], motion: _Motion, parts: tuple[str, ...]) -> list[np.ndarray]:
     """The parts of all rows, shape (..., rows) and, of jacobians, (..., rows, k)."""
-    empty = {part: np.zeros((*motion.t.shape, 0, *motion.q.shape[-1:])[:motion.t.ndim
-                                                                       + (2 if part == "jacobian" else 1)])
-             for part in parts}
-    return [np.stack([getattr(row, part) for row in rows], motion.t.ndim) if rows else empty[part] for part in parts]
+    axis, rows = motion.t.ndim, [motion.constant(0.0), *rows]  # the first has the shape where there are no others
+    return [np.delete(np.stack([getattr(row, part) for row in rows], axis), 0, axis) for part in parts]

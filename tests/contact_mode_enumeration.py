@@ -7,13 +7,13 @@ import numpy as np
 MOST_MODES = 1500
 
 
-def contact_modes(guides, slip, stuck):
+def contact_modes(guides, slip):
     """Every mode as arrays (modes, guides): direction, coefficient, signs of the corners."""
     choices = []
     for f, guide in enumerate(guides):
         signs = list(product((1, -1), repeat=2)) if guide["length"] > 0 else [(1, 1), (-1, -1)]
-        moving = [(1, guide["mus"]), (-1, guide["mus"])] if stuck[f] else [(slip[f], guide["mu"])]
-        choices.append(([(0, 0.0, 1, 1)] if stuck[f] else []) + [(d, mu, *s) for d, mu in moving for s in signs])
+        moving = [(1, guide["mus"]), (-1, guide["mus"])] if slip[f] == 0 else [(slip[f], guide["mu"])]
+        choices.append(([(0, 0.0, 1, 1)] if slip[f] == 0 else []) + [(d, mu, *s) for d, mu in moving for s in signs])
     if np.prod([len(choice) for choice in choices], dtype=float) > MOST_MODES:
         return None
     return np.array(list(product(*choices)), dtype=float).transpose(2, 0, 1)
@@ -27,12 +27,12 @@ def corners(guide, R, T, kappa):
     return R / 2 - N / guide["length"], R / 2 + N / guide["length"]
 
 
-def consistent_forces(m, w, slip, stuck):
+def consistent_forces(m, w, slip):
     """Row forces of every consistent contact mode with a well-conditioned system, and whether all systems were; None: too many.
 
     In units in which every row has the mobility 1, so that one number bounds rounding in all of them.
     """
-    modes = contact_modes(m.friction, slip, stuck)
+    modes = contact_modes(m.friction, slip)
     if modes is None:
         return None
     rows, count = m.rows, modes.shape[1]
@@ -66,7 +66,7 @@ def consistent_forces(m, w, slip, stuck):
         for way in (1, -1):
             capacity = guide["mus"] * sum(map(np.abs, corners(guide, R, T, -way * guide["mus"])))
             fits &= moves | (-way * friction <= capacity + load + floor * unit[t])
-        if stuck[f]:
+        if slip[f] == 0:
             along = (forces @ w.G[t] - w.right[t]) * unit[t]
             fits &= ~moves | (d * along >= -floor)
     return forces[fits], bool(regular.all())

@@ -76,31 +76,21 @@ ten."""
 
 @dataclass(frozen=True)
 class Mode:
-    """What is frozen between events: `slip`, (guides,), the directions d, 0 at rest; `corner`, (guides, 2), the signs
-    s."""
+    """What is frozen between events."""
 
-    slip: np.ndarray
-    corner: np.ndarray
+    slip: np.ndarray  # (guides,), the directions d, 0 at rest
+    corner: np.ndarray  # (guides, 2), the signs s
 
 
 @dataclass(frozen=True)
 class Forces:
-    """Of a mode at instants, or of many modes at one; leading axes as those.
+    """Of a mode at instants, or of many modes at one; leading axes as those."""
 
-    Attributes
-    ----------
-    acceleration : ndarray, shape (..., k)
-    R, T, f : ndarray, shape (..., guides)
-        Normal force, total moment and friction on each slider.
-    n : ndarray, shape (..., guides, 2)
-        Corner forces of guides that slip (without a length: R, R).
-    """
-
-    acceleration: np.ndarray
-    R: np.ndarray
-    T: np.ndarray
-    f: np.ndarray
-    n: np.ndarray
+    acceleration: np.ndarray  # (..., k)
+    R: np.ndarray  # (..., guides), normal force on each slider
+    T: np.ndarray  # total moment
+    f: np.ndarray  # friction
+    n: np.ndarray  # (..., guides, 2), corner forces of guides that slip (without a length: R, R)
 
 
 @dataclass(frozen=True)
@@ -115,28 +105,18 @@ class Margin:
 
 @dataclass(frozen=True)
 class Motion:
-    """What the second method found.
+    """What the second method found."""
 
-    Attributes
-    ----------
-    t, q, v : ndarray, shape (n,), (n, k), (n, k)
-        States at the ends of all steps.
-    events : tuple of Instant
-        The rate (N/s or m/s^2) is that of the margin that passes zero: an error e of the margin shifts the time by e /
-        rate.
-    violation : float
-        The largest of Coulomb's law (N, m/s) and of the constraints (m, m/s) at instants inside the steps.
-    force : float
-        The largest reaction there, N.
-    breakdown : Breakdown or None
-    """
-
-    t: np.ndarray
-    q: np.ndarray
+    t: np.ndarray  # (n,), the ends of all steps
+    q: np.ndarray  # (n, k)
     v: np.ndarray
     events: tuple[Instant, ...]
+    """The rate (N/s or m/s^2) is that of the margin that passes zero: an error e of the margin shifts the time by e /
+    rate."""
     violation: float
+    """The largest of Coulomb's law (N, m/s) and of the constraints (m, m/s) at instants inside the steps."""
     force: float
+    """The largest reaction there, N."""
     breakdown: Breakdown | None
 
 

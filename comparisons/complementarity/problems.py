@@ -78,12 +78,11 @@ def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, 
         return None
     w = workspace(m)
     row_form(m, w, t, q, v)
-    stuck = np.abs(w.slip_speed) <= rest_speed
-    slip = np.where(stuck, 0, np.sign(w.slip_speed)).astype(np.int64)
-    _, y, x, outcome, *_ = hlcp.solve(m, w, slip, stuck)
+    slip = np.where(np.abs(w.slip_speed) <= rest_speed, 0, np.sign(w.slip_speed)).astype(np.int64)
+    _, y, x, outcome, *_ = hlcp.solve(m, w, slip)
     if outcome not in (FOUND, NONE):
         return None
-    A0, A1, b, *_ = hlcp.assemble(m, w, slip, stuck)
+    A0, A1, b, *_ = hlcp.assemble(m, w, slip)
     solved = outcome == FOUND and hlcp.residual(A0, A1, b, y, x) <= hlcp.ACCURATE
     y, x = (np.array(value) if solved else np.zeros(0) for value in (y, x))
     return Problem(kind, scene.name, float(t), A0, A1, b, y, x, SOLVED if solved else UNSOLVABLE,

@@ -12,7 +12,7 @@ whatever the loop stores.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, ClassVar, Protocol, Self, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numba import from_dtype, types
@@ -29,8 +29,6 @@ dimensions."""
 Bundles = tuple
 """Type of a field that has bundles of one class. In a kernel it is the array of their addresses, of which `at` makes
 bundles."""
-
-AnyBundle = TypeVar("AnyBundle", bound="Bundle")
 
 _NUMBERS = {int: types.int64, float: types.float64, bool: types.boolean, type(None): types.none}
 
@@ -57,16 +55,8 @@ def _array(hint: Any) -> tuple[np.dtype, int] | None:
 class BundleType(types.Record):
     """The type of a subclass of `Bundle`: a record of words, whose fields have the numba types that they are read as.
 
-    Attributes
-    ----------
-    fields : dict of str to numba.types.Type
-        Type of each field.
-    places : dict of str to int
-        First word of each field.
-    words : int
-        Number of all words.
-    arrays : dict of str to (numpy.dtype, int)
-        Type and number of dimensions of each array or record.
+    `fields` has these types, `places` the first word of each field, `words` their number; `arrays` the type and the
+    number of dimensions of each array or record.
     """
 
     fields: dict[str, types.Type]  # type: ignore[assignment]  # those of numba's records have offsets as well
@@ -92,14 +82,7 @@ class BundleType(types.Record):
 class Bundle:
     """Base of classes with fields of `int`, `float`, another bundle, or one of the array types above.
 
-    Parameters
-    ----------
-    Values in the order of the fields, or by name.
-
-    Attributes
-    ----------
-    address : int
-        Address of its words: valid as long as the bundle is.
+    It is made of values in the order of the fields, or by name; `address` is that of its words, valid as long as it is.
 
     Raises
     ------
@@ -125,10 +108,7 @@ class Bundle:
 
     @classmethod
     def zeros(cls, **fields: Any) -> Self:
-        """A bundle with new arrays, all zero.
-
-        Numbers and bundles are given as they are, of arrays and records their shapes.
-        """
+        """A bundle with new arrays, all zero: their shapes are given, numbers and bundles as they are."""
         arrays = cls._numba_type_.arrays
         made = {name: np.zeros(fields[name], dtype=dtype) for name, (dtype, _) in arrays.items() if name in fields}
         return cls(**{**fields, **made})
@@ -201,19 +181,13 @@ def _unbox(kind, bundle, c):
     return NativeValue(pointer)
 
 
-class _At(Protocol):
-    def __call__(self, address: int, like: AnyBundle) -> AnyBundle: ...
-
-
-def _bundle_at(typing_context, address, like):
+@intrinsic
+def at(typing_context, address, like):
+    """In a kernel: the bundle at an address, of the class of another."""
     def generate(context, builder, signature, values):
         return builder.inttoptr(values[0], context.get_value_type(like))
 
     return like(types.int64, like), generate
-
-
-at = cast(_At, intrinsic(_bundle_at))
-"""In a kernel: the bundle at an address, of the class of another."""
 
 
 @lower_getattr_generic(BundleType)

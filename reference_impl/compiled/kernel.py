@@ -15,8 +15,7 @@ import inspect
 import logging
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cached_property, partial, update_wrapper
 from typing import Any, TypeVar, cast, get_type_hints, overload
 
@@ -94,10 +93,7 @@ class Inlined:
 
 
 class _Callee(types.Dispatcher):
-    """Type of an `Inlined` kernel. numba would compile it for each constant that it is called with.
-
-    It is compiled for their type.
-    """
+    """Type of an `Inlined` kernel, compiled for types: numba would compile it for each constant it is called with."""
 
     def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
         named = {name: types.unliteral(arg) for name, arg in kws.items()}
@@ -140,18 +136,20 @@ class Linked:
         return bool(files_of(self._kernel))
 
     def link(self, place: str = "") -> None:
-        """Compile it, or load it from the cache on disk, and fill its slot; once.
-
-        If it is compiled the log says so, with its place in a list.
-        """
+        """Compile it, with a word in the log, or load it from the cache on disk, and fill its slot; once."""
         if self.is_linked:
             return
         if not self.is_kept:
             _log.info(f"compiling a kernel, once for an installation: {place}{self.name}")
         started = time.process_time()
         arguments, returned = self._types
-        with _collecting_nothing():
+        collects = gc.isenabled()
+        gc.disable()  # numba makes millions of objects that stay: to look at them takes a fifth of its time
+        try:
             repeat_if_damaged(self._kernel, lambda: self._kernel.compile(arguments))
+        finally:
+            if collects:
+                gc.enable()
         compiled = self._kernel.overloads[arguments]
         found = compiled.signature.return_type
         if found != returned:
@@ -205,21 +203,6 @@ class Linked:
         with builder.if_then(status.is_error, likely=False):
             convention.return_status_propagate(builder, status)
         return result
-
-
-@contextmanager
-def _collecting_nothing() -> Iterator[None]:
-    """numba makes millions of objects that stay.
-
-    The garbage collector, which looks at them again and again, takes a fifth of its time.
-    """
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collects:
-            gc.enable()
 
 
 def compiling_seconds() -> float:

@@ -17,6 +17,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -66,21 +67,21 @@ def repeat_if_damaged(dispatcher: Any, action: Callable[[], Any]) -> Any:
 
 def _folder_of(source: Path) -> Path | None:
     """Return the folder for the kernels of a source file; None where none can be written."""
-    stamp = hashlib.sha256(_package_stamp() + source.read_bytes()).hexdigest()[:16]
-    name = f"kernels-{source.stem}-{stamp}-{hashlib.sha256(repr(_target()).encode()).hexdigest()[:16]}"
-    for root in _user_folders(source.parent):
-        if _prepare(root, source.stem, name):
-            return root / name
-    for root in _temporary_folder():
+    stamp = _digest(_package_stamp() + source.read_bytes())
+    name, own = f"kernels-{source.stem}-{stamp}-{_digest(repr(_target()).encode())}", _user_folders(source.parent)
+    for root in chain(own, _temporary_folder()):
         is_new = not (root / name).is_dir()
-        if not _prepare(root, source.stem, name):
-            continue
-        if is_new:
-            _note(f"compiled kernels are kept in {root}, until that is cleared: neither {source.parent} nor a cache of "
-                  "the user can be written; set NUMBA_CACHE_DIR to a folder that can")
-        return root / name
+        if _prepare(root, source.stem, name):
+            if is_new and root not in own:
+                _note(f"compiled kernels are kept in {root}, until that is cleared: neither {source.parent} nor a "
+                      "cache of the user can be written; set NUMBA_CACHE_DIR to a folder that can")
+            return root / name
     _note("compiled kernels are not kept: no folder can be written; set NUMBA_CACHE_DIR to one that can")
     return None
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:16]
 
 
 def _prepare(root: Path, stem: str, name: str) -> bool:
@@ -106,17 +107,16 @@ def _package_stamp() -> bytes:
 
 def _target() -> tuple[str, ...]:
     """Return all that machine code depends on besides the sources."""
-    features = settings.CPU_FEATURES
-    if features is None:
-        features = llvmlite.binding.get_host_cpu_features().flatten()
+    features, host = settings.CPU_FEATURES, llvmlite.binding
     return (sys.implementation.cache_tag, sys.abiflags, numba.__version__, llvmlite.__version__,
-            settings.CPU_NAME or llvmlite.binding.get_host_cpu_name(), features)
+            settings.CPU_NAME or host.get_host_cpu_name(),
+            host.get_host_cpu_features().flatten() if features is None else features)
 
 
 @cache
 def _user_folders(sources: Path) -> tuple[Path, ...]:
     """Return where the kernels of a folder of sources are kept, the first choice first."""
-    own = f"{sources.name}-{hashlib.sha256(str(sources).encode()).hexdigest()[:16]}"
+    own = f"{sources.name}-{_digest(str(sources).encode())}"
     if settings.CACHE_DIR:
         return (Path(settings.CACHE_DIR) / own,)
     user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))

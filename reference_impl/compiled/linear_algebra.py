@@ -6,6 +6,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.loops import product
 
 RANK_TOLERANCE = 1e-11
 """A pivot below this times the largest one counts as zero. Rank decisions on exactly redundant
@@ -154,17 +155,23 @@ def decompose(A: Table) -> tuple[Table, Reals, Table]:
 
 
 @kernel(allocates=True)
+def add_shortest(A: Table, b: Reals, x: Reals) -> None:
+    """Add to x the shortest of those that minimize |A x - b|; singular values below RANK_TOLERANCE count as zero."""
+    left_of, s, right_of = decompose(A)
+    for k in range(len(s)):
+        if s[k] > RANK_TOLERANCE * s[0]:
+            part = product(left_of[k], b)
+            for i in range(A.shape[1]):
+                x[i] += right_of[i, k] * (part / s[k])
+
+
+@kernel(allocates=True)
 def minimum_norm(A: Table, b: Reals, n: int) -> float:
     """Put in place of b the shortest x among those that minimize |A x - b|, of the leading n x n part of A.
 
-    Nan where that or b is not finite.
-
-    Equations and unknowns are measured by the square roots of the diagonal of A: units do not enter the solution.
-
-    Returns
-    -------
-    float
-        The largest residual over the largest right-hand side, so measured: above CONTRADICTION there is no solution.
+    Equations and unknowns are measured by the square roots of the diagonal of A: units do not enter the solution. x is
+    nan where A or b is not finite. Returns the largest residual over the largest right-hand side, so measured: above
+    CONTRADICTION there is no solution.
     """
     unit, scaled, right, x = np.zeros(n), np.zeros((n, n)), np.zeros(n), np.zeros(n)
     finite, largest = True, 0.0
@@ -180,14 +187,7 @@ def minimum_norm(A: Table, b: Reals, n: int) -> float:
         for i in range(n):
             b[i] = np.nan
         return np.inf
-    left_of, s, right_of = decompose(scaled)
-    for k in range(n):
-        if s[k] > RANK_TOLERANCE * s[0]:
-            part = 0.0
-            for i in range(n):
-                part += left_of[k, i] * right[i]
-            for i in range(n):
-                x[i] += right_of[i, k] * (part / s[k])
+    add_shortest(scaled, right, x)
     worst = 0.0
     for i in range(n):
         residual = -right[i]

@@ -23,15 +23,6 @@ def are_equal(first, second):
     return True
 
 
-@kernel(allocates=True)
-def taken(values, places):
-    """Elements of an array of one dimension at some places."""
-    found = np.empty(len(places), values.dtype)
-    for i in range(len(places)):
-        found[i] = values[places[i]]
-    return found
-
-
 @kernel
 def is_finite(values):
     """Return True for an array without nan and inf."""
@@ -39,3 +30,28 @@ def is_finite(values):
         if not np.isfinite(values[i]):
             return False
     return True
+
+
+@kernel
+def product(a, b):
+    """Scalar product of two vectors, in the order of their components whatever the processor."""
+    total = 0.0
+    for i in range(len(b)):
+        total += a[i] * b[i]
+    return total
+
+
+@kernel
+def subtract(part, a, b):
+    """b - part a in place of b."""
+    for i in range(len(b)):
+        b[i] -= part * a[i]
+
+
+@kernel(allocates=True)
+def taken(values, places):
+    """Elements of an array of one dimension at some places."""
+    found = np.empty(len(places), values.dtype)
+    for i in range(len(places)):
+        found[i] = values[places[i]]
+    return found

@@ -10,34 +10,28 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals
+from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction import hlcp
-from stiction.reference_impl.friction.coulomb import corner_forces
+from stiction.reference_impl.friction.coulomb import coefficient, corner_forces
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.outcomes import MODE_LIMIT, NONE, SIGN_CYCLE, SOLVED
 from stiction.reference_impl.friction.solvers import AUTOMATIC, ENUMERATION, LEMKE, TRIAL
 from stiction.reference_impl.friction.trial_and_error import trial_and_error
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.multibody.dynamics import row_acceleration
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 
 @kernel(allocates=True)
-def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable,
+def solve_contact(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable,
                   accelerate: Reals) -> tuple[int, float]:
     """Row forces into w.force for the rows in the workspace; the static coefficient holds for every guide at rest.
 
-    Parameters
-    ----------
-    slip, stuck : ndarray, shape (frictional,)
-        As in `hlcp.assemble`.
-    corner : ndarray of int, shape (frictional, 2)
-        Signs of the corner forces: on entry those of the previous instant, on return those of the solution.
-    accelerate : ndarray, shape (frictional,)
-        Receives the acceleration (m/s^2) with which a guide at rest begins to slip.
+    `slip` as in `hlcp.assemble`. `corner`, (frictional, 2): signs of the corner forces, on entry those of the previous
+    instant, on return those of the solution. `accelerate` receives the acceleration (m/s^2) with which a guide at rest
+    begins to slip.
 
     Returns
     -------
@@ -52,33 +46,29 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
     w.counters.hlcp += 1
     fallible = w.solver == AUTOMATIC and len(m.cell) > 0 and gain_of_mode(m, w, slip)[0] < 1.0
     if w.solver == TRIAL or fallible:
-        outcome, trials, _ = trial_and_error(m, w, slip, stuck, corner, w.force, direction)
+        outcome, trials, _ = trial_and_error(m, w, slip, corner, w.force, direction)
         w.counters.pivots += trials
         if fallible and outcome != SOLVED:
             w.counters.trial_fallbacks += 1
     if w.solver == LEMKE or w.solver == AUTOMATIC and outcome != SOLVED:
-        force, y, x, outcome, rest = hlcp.solve(m, w, slip, stuck, LIMIT)
+        force, y, x, outcome, rest = hlcp.solve(m, w, slip, LIMIT)
         copy(force, w.force)
         if outcome == SOLVED:
-            hlcp.read(m, stuck, y, x, accelerate, corner)
-            hlcp.correct_accelerations(m, w, force, accelerate)
+            hlcp.read(m, w, slip, force, y, x, accelerate, corner)
         return outcome, rest
     if w.solver == ENUMERATION:
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, nf), dtype=np.int64)
-        found = solutions(m, w, slip, stuck, forces, directions, 0.0, LIMIT)
+        found = solutions(m, w, slip, forces, directions, 0.0, LIMIT)
         w.counters.pivots += max(found, 0)
         outcome = SOLVED if found > 0 else NONE if found == 0 else MODE_LIMIT
         copy(forces[0], w.force)
         copy(directions[0], direction)
         for f in range(nf):
-            guide = m.friction[f]
-            R, mu = w.force[guide.row], guide.mus if stuck[f] else guide.mu
-            n1, n2 = R, R
-            if guide.length > 0.0:
-                n1, n2 = corner_forces(guide, R, w.force[guide.row + 1], -mu * direction[f])
+            guide, mu = m.friction[f], coefficient(m, f, slip)
+            n1, n2 = corner_forces(guide, w.force[guide.row], w.force[guide.row + 1], -mu * direction[f])
             corner[f, 0], corner[f, 1] = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
     for f in range(nf):
         accelerate[f] = 0.0
-        if stuck[f] and direction[f] != 0:
+        if slip[f] == 0 and direction[f] != 0:
             accelerate[f] = row_acceleration(w, m.rows + f, w.force)
     return outcome, 0.0

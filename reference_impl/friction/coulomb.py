@@ -36,8 +36,16 @@ def split_between_corners(R, N, length):
 
 @kernel
 def corner_forces(guide, R, T, kappa):
-    """Return n1, n2 of a guide with a length."""
+    """Return n1, n2 of a guide; of one without length R and 0, so that s1 n1 + s2 n2 is s1 R."""
+    if guide.length == 0.0:
+        return R, 0.0
     return split_between_corners(R, T - 0.5 * guide.width * kappa * R, guide.length)
+
+
+@kernel
+def coefficient(m, f, slip):
+    """Coefficient of a slip: the static one for a guide that was at rest, of `slip` 0."""
+    return m.friction[f].mus if slip[f] == 0 else m.friction[f].mu
 
 
 @kernel
@@ -94,18 +102,8 @@ def equal_mobilization(R, T, friction, length, width):
 
         kappa max(|R|, (2/a)|T - (b/2) kappa R|) = friction
 
-    (moment of surface friction: (b/2) kappa R). Where N+ + N- vanishes, 0.
-
-    Parameters
-    ----------
-    R, T, friction : ndarray, shape (n,)
-        Resultant normal force (N), total moment (N m), friction (N).
-    length, width : float
-        a and b of the slider (m); length 0 where the guide has none.
-
-    Returns
-    -------
-    ndarray, shape (n,)
+    (moment of surface friction: (b/2) kappa R). Where N+ + N- vanishes, 0. R, T and friction, (n,), are the resultant
+    normal force (N), total moment (N m) and friction (N); length and width (m) are a and b, a 0 of a guide without.
     """
     R, T, friction = (np.asarray(x, dtype=float) for x in (R, T, friction))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # no candidate that is not finite is taken

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals, Table
+from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients
-from stiction.reference_impl.multibody.dynamics import acceleration, largest_force
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays
+from stiction.reference_impl.friction.coulomb import capacity, coefficient, corner_forces, friction_coefficients
+from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, largest_speed, row_acceleration
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Workspace
 
 LIMIT = 100_000
 """Modes tried at most: 5 guides that stick, 8 that slip; some tenths of a second."""
@@ -30,53 +29,38 @@ modes give the same forces to rounding, and a hyperstatic friction splits withou
 
 
 @kernel
-def modes(m, stuck):
+def modes(m, slip):
     """Number of contact modes: directions and signs of corner forces, of every guide."""
     total = 1.0
     for f in range(len(m.friction)):
         signs = 4.0 if m.friction[f].length > 0.0 else 2.0
-        total *= 1.0 + 2.0 * signs if stuck[f] else signs
+        total *= 1.0 + 2.0 * signs if slip[f] == 0 else signs
     return total
 
 
 @kernel(allocates=True)
-def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Table, directions: IntegerTable,
-              compliance: float = 0.0,
-              limit: int = LIMIT) -> int:
+def solutions(m: Arrays, w: Workspace, slip: Integers, forces: Table, directions: IntegerTable,
+              compliance: float = 0.0, limit: int = LIMIT) -> int:
     """The consistent contact modes of the rows in the workspace; the static coefficient holds for every guide at rest.
 
-    Parameters
-    ----------
-    slip, stuck : ndarray, shape (frictional,)
-        As in `hlcp.assemble`.
-    forces : ndarray, shape (k, rows + frictional)
-        Receives the row forces of the first k solutions whose accelerations differ; the search ends with the k-th.
-    directions : ndarray of int, shape (k, frictional)
-        Receives the direction in which each guide slips or begins to; 0 for one that stays at rest.
-    compliance : float
-        As in `hlcp.assemble`.
-    limit : int
-        Modes to be tried at most.
-
-    Returns
-    -------
-    int
-        The number of solutions found, of those whose linear system is regular, or TOO_MANY if there are more than
-        `limit` modes.
+    `slip` and `compliance` as in `hlcp.assemble`. `forces`, (k, rows + frictional), receives the row forces of the
+    first k solutions whose accelerations differ; the search ends with the k-th. `directions`, (k, frictional), receives
+    the direction in which each guide slips or begins to; 0 for one that stays at rest. Returns the number of solutions
+    found, of those whose linear system is regular; TOO_MANY of more than `limit` modes.
     """
     nr, nf = m.rows, len(m.friction)
-    if modes(m, stuck) > limit:
+    if modes(m, slip) > limit:
         return TOO_MANY
     A, force = np.zeros((nr + nf, nr + nf)), np.zeros(nr + nf)
     direction, signs = np.zeros(nf, dtype=np.int64), np.zeros((nf, 2), dtype=np.int64)
     motion, known = np.zeros(len(m.inverse_mass)), np.zeros((len(forces), len(m.inverse_mass)))
     found = 0
-    for code in range(int(modes(m, stuck))):
-        _decode(m, code, slip, stuck, direction, signs)
-        fill(m, w, stuck, direction, signs, A, force, compliance)
+    for code in range(int(modes(m, slip))):
+        _decode(m, code, slip, direction, signs)
+        fill(m, w, slip, direction, signs, A, force, compliance)
         if not solve_in_place(A, force, w.unit, nr + nf, nr + nf):
             continue
-        if revise(m, w, stuck, direction, signs, force) != NO_GUIDE:
+        if revise(m, w, slip, direction, signs, force) != NO_GUIDE:
             continue
         acceleration(m, w, force, motion)
         if _is_new(m, motion, known[:found], SLACK * _largest_term(m, w, force)):
@@ -90,12 +74,12 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, forces: Tab
 
 
 @kernel
-def _decode(m, code, slip, stuck, direction, signs):
+def _decode(m, code, slip, direction, signs):
     """The contact mode of a number from 0 to `modes` - 1."""
     for f in range(len(m.friction)):
         count = 4 if m.friction[f].length > 0.0 else 2
         direction[f] = slip[f]
-        if stuck[f]:
+        if slip[f] == 0:
             choice, code = code % (1 + 2 * count), code // (1 + 2 * count)
             direction[f] = 0 if choice == 0 else 1 if choice <= count else -1
             choice = max(choice - 1, 0) % count
@@ -107,18 +91,13 @@ def _decode(m, code, slip, stuck, direction, signs):
 
 @kernel(allocates=True)
 def _largest_term(m: Arrays, w: Workspace, force: Reals) -> float:
-    """The largest sum of the sizes of the terms of an acceleration, of which rounding is a part.
-
-    Angles by the mechanism's size.
-    """
-    terms, largest = np.abs(w.free), 0.0
+    """The largest sum of the sizes of the terms of an acceleration, of which rounding is a part."""
+    terms = np.abs(w.free)
     for b in range(len(m.block)):
         i, r, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
         for c in range(3):
             terms[k + c] += abs(w.JM[i + c] * force[r])
-    for j in range(len(terms)):
-        largest = max(largest, terms[j] * (m.length_scale if j % 3 == 2 else 1.0))
-    return largest
+    return largest_speed(m, terms)
 
 
 @kernel
@@ -139,59 +118,43 @@ def _is_new(m, motion, known, rounding):
 
 
 @kernel
-def _coefficient(m, f, stuck):
-    """Coefficient of a slip: the static one for a guide that was at rest."""
-    return m.friction[f].mus if stuck[f] else m.friction[f].mu
-
-
-@kernel
-def fill(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, signs: IntegerTable, A: Table, force: Reals,
+def fill(m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: IntegerTable, A: Table, force: Reals,
          compliance: float) -> None:
-    """Fill in the system of a mode.
-
-    It has the constraint rows, and per guide its tangential row (rest) or f = -mu d (s1 n1 + s2 n2) (slip; see
-    `frozen_mode`).
-    """
+    """The system of a mode: constraint rows, and of each guide its tangential row (rest) or its law of slip."""
     nr = m.rows
-    for r in range(nr + len(m.friction)):
+    for r in range(len(force)):
         force[r] = w.right[r]
-        for c in range(nr + len(m.friction)):
+        for c in range(len(force)):
             A[r, c] = w.G[r, c]
-        if r < nr:
-            A[r, r] += compliance * w.G[r, r]
+        A[r, r] += compliance * w.G[r, r]
     for f in range(len(m.friction)):
         if direction[f] == 0:
-            A[nr + f, nr + f] += compliance * w.G[nr + f, nr + f]
             continue
         row = m.friction[f].row
-        c_R, c_T = friction_coefficients(m, f, direction[f], signs[f, 0], signs[f, 1], _coefficient(m, f, stuck))
-        for c in range(nr + len(m.friction)):
+        c_R, c_T = friction_coefficients(m, f, direction[f], signs[f, 0], signs[f, 1], coefficient(m, f, slip))
+        for c in range(len(force)):
             A[nr + f, c] = 0.0
         A[nr + f, row + 1] = -c_T
         A[nr + f, row] = -c_R
         A[nr + f, nr + f] = 1.0
         force[nr + f] = 0.0
-    for r in range(nr + len(m.friction)):  # rows of unit size, so that a system near a singular one is told from that
+    for r in range(len(force)):  # rows of unit size, so that a system near a singular one is told from that
         size = 0.0
-        for c in range(nr + len(m.friction)):
+        for c in range(len(force)):
             size = max(size, abs(A[r, c]))
         if size > 0.0:
             force[r] /= size
-            for c in range(nr + len(m.friction)):
+            for c in range(len(force)):
                 A[r, c] /= size
 
 
 @kernel
-def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, signs: IntegerTable, force: Reals) -> int:
+def revise(m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: IntegerTable, force: Reals) -> int:
     """Change, in place, every sign and direction of a mode that its forces contradict.
 
     A guide at rest whose friction exceeds its capacity begins to slip, with the signs that its corner forces have; one
-    that begins to slip against its acceleration rests.
-
-    Returns
-    -------
-    int
-        The first guide that was contradicted; NO_GUIDE if the mode is consistent.
+    that begins to slip against its acceleration rests. Returns the first guide that was contradicted; NO_GUIDE if the
+    mode is consistent.
     """
     nr, first, largest = m.rows, NO_GUIDE, largest_force(m, w, force)
     for f in range(len(m.friction)):
@@ -204,20 +167,17 @@ def revise(m: Arrays, w: Workspace, stuck: Flags, direction: Integers, signs: In
             elif capacity(m, f, R, T, -1.0) - friction < -floor:
                 direction[f] = -1
             changed = direction[f] != 0
-        n1, n2 = R, R
-        if guide.length > 0.0:
-            n1, n2 = corner_forces(guide, R, T, -_coefficient(m, f, stuck) * direction[f])
+        n1, n2 = corner_forces(guide, R, T, -coefficient(m, f, slip) * direction[f])
         if d != 0 or changed:
             if signs[f, 0] * n1 < -floor:
                 signs[f, 0], changed = -signs[f, 0], True
-            if guide.length > 0.0 and signs[f, 1] * n2 < -floor:
+            if signs[f, 1] * n2 < -floor:
                 signs[f, 1], changed = -signs[f, 1], True
-        if stuck[f] and d != 0:
-            along, size = -w.right[nr + f], abs(w.right[nr + f])
-            for r in range(nr + len(m.friction)):
-                along += w.G[nr + f, r] * force[r]
+        if slip[f] == 0 and d != 0:
+            size = abs(w.right[nr + f])
+            for r in range(len(force)):
                 size = max(size, abs(w.G[nr + f, r] * force[r]))
-            if d * along < -SLACK * size:
+            if d * row_acceleration(w, nr + f, force) < -SLACK * size:
                 direction[f], changed = 0, True
         if changed and first == NO_GUIDE:
             first = f

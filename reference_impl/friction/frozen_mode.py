@@ -23,9 +23,8 @@ from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIM
 from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients
 from stiction.reference_impl.multibody import baumgarte
 from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row, solve_cell
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
-from stiction.reference_impl.multibody.singular_positions import shortest_forces
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
+from stiction.reference_impl.multibody.singular_positions import pivots_are_above, shortest_forces
 
 ALL = -1.0
 """Argument `least` of `choose_branches` that no capacity is below: it looks at all guides at rest."""
@@ -33,117 +32,71 @@ ALL = -1.0
 
 @kernel
 def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
-    """Row forces of the mode into w.force.
+    """Row forces of the mode into w.force: of d in `slip` (0 for stick), s1 and s2 in the first columns of `corner`.
 
-    Parameters
-    ----------
-    slip : ndarray of int, shape (frictional,)
-        d of each frictional guide, 0 for stick.
-    corner : ndarray of int, shape (frictional, 2)
-        s1, s2 (a guide without length uses the first).
-
-    Returns
-    -------
-    bool
-        False if the system was singular and solved in the minimum-norm sense; the forces are nan if it is
-        contradictory.
+    False if the system was singular and solved in the minimum-norm sense; the forces are nan if it is contradictory.
     """
     if len(m.cell):
-        return _solve_cells(m, w, slip, corner)
+        return solve_cells(m, w, slip, slip, corner, False)
     nr, nf = m.rows, len(m.friction)
-    _fill(m, w, slip, corner)
-    n = nr
-    for f in range(nf):
-        n += 1 if slip[f] == 0 else 0
+    n = _fill(m, w, slip, corner)
     regular = eliminate(w.A, w.x, w.unit, n, n, RANK_TOLERANCE if nf > 0 else ELIMINATION)
     if not regular and nf == 0:
-        _solve_without_friction(m, w)
+        shortest_forces(m, w)
         return False
     if not regular:
-        if baumgarte.is_used(m) and n > nr and _are_independent(w, nr):
+        if baumgarte.is_used(m) and n > nr and pivots_are_above(m, w, RANK_TOLERANCE):
             for r in range(nr):
                 baumgarte.leave_out(w, r)
         _fill(m, w, slip, corner)
         if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
             for i in range(n):
                 w.x[i] = np.nan
-    for r in range(nr):
-        w.force[r] = w.x[r]
-    n = nr
+    for i in range(n):
+        w.force[w.held[i]] = w.x[i]
     for f in range(nf):
-        if slip[f] == 0:
-            w.force[nr + f] = w.x[n]
-            n += 1
-        else:
-            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
-            r = m.friction[f].row
-            w.force[nr + f] = c_R * w.x[r] + c_T * w.x[r + 1]
+        if slip[f] != 0:
+            w.force[nr + f] = friction_of(m, f, slip, corner, w.force)
     return regular
 
 
 @kernel
-def _are_independent(w, nr):
-    """Return True where the constraint rows are, without those of guides at rest.
-
-    The scratch of the workspace is used.
-    """
-    for r in range(nr):
-        w.x[r] = 0.0
-        for c in range(nr):
-            w.A[r, c] = w.G[r, c]
-    return solve_in_place(w.A, w.x, w.unit, nr, nr)
+def friction_of(m, f, slip, corner, force):
+    """Friction of a guide that slips, from the forces of its rows."""
+    c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
+    return c_R * force[m.friction[f].row] + c_T * force[m.friction[f].row + 1]
 
 
 @kernel
-def _solve_cells(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
-    """Variant of `solve_mode`, cell by cell."""
+def solve_cells(m: Arrays, w: Workspace, slip: Integers, direction: Integers, corner: IntegerTable,
+                assumed: bool) -> bool:
+    """Variant of `solve_mode`, cell by cell, for guides that slip, or begin to with mus where `slip` is 0.
+
+    Where the `direction` is only `assumed`, a cell that is singular ends it.
+    """
     all_regular, without_friction = True, len(m.friction) == 0
     for c in range(len(m.cell)):
         band, first = m.cell[c].band, m.cell[c].first
-        n = _fill_cell(m, w, c, slip, slip, corner, band)
+        n = _fill_cell(m, w, c, slip, direction, corner, band)
         if not solve_in_place(w.A, w.x, w.unit, n, band, ELIMINATION if without_friction else RANK_TOLERANCE):
             if without_friction:
-                _solve_without_friction(m, w)
+                shortest_forces(m, w)
+            if without_friction or assumed:
                 return False
-            all_regular = False
-            rests = False
+            all_regular, rests = False, False
             for k in range(n):
                 rests = rests or m.order[first + k] >= m.rows and slip[m.order[first + k] - m.rows] == 0
             if rests and baumgarte.is_used(m) and solve_cell(m, w, c, w.phi, 0.0, slip, False):
                 for k in range(n):
                     if m.order[first + k] < m.rows:
                         baumgarte.leave_out(w, m.order[first + k])
-            _fill_cell(m, w, c, slip, slip, corner, n)
+            _fill_cell(m, w, c, slip, direction, corner, n)
             if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
                 for k in range(n):
                     w.x[k] = np.nan
         for k in range(n):
             w.force[m.order[first + k]] = w.x[k]
     return all_regular
-
-
-@kernel
-def _solve_without_friction(m: Arrays, w: Workspace) -> None:
-    """Forces of all constraint rows, dependent or nearly so; nan if they contradict each other."""
-    if not shortest_forces(m, w) <= CONTRADICTION:
-        for r in range(m.rows):
-            w.force[r] = np.nan
-
-
-@kernel
-def solve_assumed(m: Arrays, w: Workspace, slip: Integers, direction: Integers, corner: IntegerTable) -> bool:
-    """Row forces into w.force for guides that begin to slip in a `direction`, with mus where slip is 0.
-
-    Returns whether every cell is regular.
-    """
-    for c in range(len(m.cell)):
-        band, first = m.cell[c].band, m.cell[c].first
-        n = _fill_cell(m, w, c, slip, direction, corner, band)
-        if not solve_in_place(w.A, w.x, w.unit, n, band):
-            return False
-        for k in range(n):
-            w.force[m.order[first + k]] = w.x[k]
-    return True
 
 
 @kernel
@@ -163,39 +116,36 @@ def _fill_cell(m, w, c, slip, direction, corner, reach):
 
 
 @kernel(inline=True)
-def _fill(m, w, slip, corner):
-    """The system of the mode into w.A, w.x: constraint rows, then the tangential rows of stuck guides."""
-    nr, nf = m.rows, len(m.friction)
-    for r in range(nr):
-        w.x[r] = w.right[r]
-        for c in range(nr):
-            w.A[r, c] = w.G[r, c]
-    n = nr
-    for f in range(nf):
-        t = nr + f
-        if slip[f] == 0:
-            for r in range(nr):
-                w.A[r, n], w.A[n, r] = w.G[r, t], w.G[t, r]
-            w.x[n] = w.right[t]
-            k = nr
-            for other in range(f + 1):
-                if slip[other] == 0:
-                    w.A[n, k], w.A[k, n] = w.G[t, nr + other], w.G[nr + other, t]
-                    k += 1
+def held_rows(m, w, slip, released):
+    """Numbers of the constraint rows, and of guides at rest unless `released`, into w.held, and their G into w.A.
+
+    Returns how many they are.
+    """
+    n = 0
+    for r in range(m.rows + len(m.friction)):
+        if r < m.rows or slip[r - m.rows] == 0 and not released:
+            w.held[n] = r
             n += 1
-    for f in range(nf):
+    for i in range(n):
+        for j in range(n):
+            w.A[i, j] = w.G[w.held[i], w.held[j]]
+    return n
+
+
+@kernel(inline=True)
+def _fill(m, w, slip, corner):
+    """The system of the mode into w.A, w.x: constraint rows, then the tangential rows of stuck guides; its size."""
+    n = held_rows(m, w, slip, False)
+    for i in range(n):
+        w.x[i] = w.right[w.held[i]]
+    for f in range(len(m.friction)):
         if slip[f] != 0:
+            t, normal = m.rows + f, m.friction[f].row
             c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
-            t, normal = nr + f, m.friction[f].row
-            for r in range(nr):
-                w.A[r, normal] += w.G[r, t] * c_R
-                w.A[r, normal + 1] += w.G[r, t] * c_T
-            k = nr
-            for other in range(nf):
-                if slip[other] == 0:
-                    w.A[k, normal] += w.G[nr + other, t] * c_R
-                    w.A[k, normal + 1] += w.G[nr + other, t] * c_T
-                    k += 1
+            for i in range(n):
+                w.A[i, normal] += w.G[w.held[i], t] * c_R
+                w.A[i, normal + 1] += w.G[w.held[i], t] * c_T
+    return n
 
 
 @kernel
@@ -212,8 +162,6 @@ def _branch(m, f, R, T, d, s1, s2):
     The capacity where s1, s2 are the signs of n1, n2, less elsewhere.
     """
     guide = m.friction[f]
-    if guide.length == 0.0:
-        return guide.mus * s1 * R
     n1, n2 = corner_forces(guide, R, T, -guide.mus * d)
     return guide.mus * (s1 * n1 + s2 * n2)
 
@@ -231,9 +179,7 @@ def choose_branches(m, w, slip, corner, least):
             continue
         R, T = w.force[m.friction[f].row], w.force[m.friction[f].row + 1]
         for k in range(2):
-            guide, n1, n2 = m.friction[f], R, R
-            if guide.length > 0.0:
-                n1, n2 = corner_forces(guide, R, T, -guide.mus * (1.0 - 2.0 * k))
+            n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mus * (1.0 - 2.0 * k))
             s1, s2 = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
             changed = changed or corner[f, 2 * k] != s1 or corner[f, 2 * k + 1] != s2
             corner[f, 2 * k], corner[f, 2 * k + 1] = s1, s2
@@ -262,14 +208,10 @@ def event_functions(m, w, slip, corner):
             w.event[e + 1] = _branch(m, f, R, T, -1.0, corner[f, 2], corner[f, 3]) - friction
             w.event[e + 2] = 1.0
             continue
+        n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
         w.event[e] = slip[f] * w.slip_speed[f]
-        if m.friction[f].length == 0.0:
-            w.event[e + 1] = corner[f, 0] * R
-            w.event[e + 2] = 1.0
-        else:
-            n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
-            w.event[e + 1] = corner[f, 0] * n1
-            w.event[e + 2] = corner[f, 1] * n2
+        w.event[e + 1] = corner[f, 0] * n1
+        w.event[e + 2] = corner[f, 1] * n2 if m.friction[f].length > 0.0 else 1.0
 
 
 @kernel
@@ -284,8 +226,5 @@ def margin(m, w, slip, f):
     R, T = w.force[r], w.force[r + 1]
     if slip[f] == 0:
         return 0.0, min(capacity(m, f, R, T, 1.0) + friction, capacity(m, f, R, T, -1.0) - friction)
-    load = abs(R)
-    if m.friction[f].length > 0.0:
-        n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
-        load = abs(n1) + abs(n2)
-    return slip[f] * w.slip_speed[f], -abs(friction + slip[f] * m.friction[f].mu * load)
+    n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
+    return slip[f] * w.slip_speed[f], -abs(friction + slip[f] * m.friction[f].mu * (abs(n1) + abs(n2)))

@@ -19,19 +19,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Flags, Integers, Reals, Table
+from stiction.reference_impl.compiled.bundle import Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, RANK_TOLERANCE, decompose, eliminate_columns
+from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, add_shortest, eliminate_columns
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.coulomb import corner_forces, mobilization
+from stiction.reference_impl.friction.coulomb import coefficient, corner_forces, mobilization
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions, solve_mode
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import NONE, RAY, SINGULAR, SOLVED
 from stiction.reference_impl.friction.solvers import LEMKE
 from stiction.reference_impl.multibody.dynamics import largest_force, row_acceleration
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import ANGLE, REVOLUTE, Arrays
+from stiction.reference_impl.multibody.mechanism import ANGLE, REVOLUTE, Arrays, Workspace
 
 COMPLIANCE = 1e-10
 """Added to the diagonal of G, relative to each entry, where A0 is singular: redundant constraints then share their
@@ -46,32 +45,24 @@ leaves of it. By so much the break-away of guides that share their load is late.
 
 
 @kernel(allocates=True)
-def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags,
+def assemble(m: Arrays, w: Workspace, slip: Integers,
              compliance: float = 0.0) -> tuple[Table, Table, Reals, Table, Table]:
     """A0, A1, b of eq. (36) for the rows in the workspace.
 
-    Parameters
-    ----------
-    m, w : Arrays, Workspace
-        Filled by `dynamics.row_form`.
-    slip : ndarray of int, shape (frictional,)
-        sgn(g_T) of each frictional guide that slips.
-    stuck : ndarray of bool, shape (frictional,)
-        The set H: guides at g_T = 0; their `slip` is not used.
-    compliance : float
-        Added to the diagonal of the constraint rows of G, relative to it.
+    `slip`: sgn(g_T) of each frictional guide; 0 of those at rest, the set H. `compliance` is added to the diagonal of
+    the constraint rows of G, relative to it.
 
     Returns
     -------
-    A0, A1 : ndarray, shape (n, n)
-    b : ndarray, shape (n,)
+    A0, A1, b : ndarray, shape (n, n), (n, n), (n,)
     E0, E1 : ndarray, shape (rows + frictional, n)
         Row forces per unit of each variable: force = E0 y + E1 x.
     """
-    nr, nf, surfaces = m.rows, len(m.friction), _surfaces(stuck)
+    nr, nf, surfaces = m.rows, len(m.friction), _surfaces(slip)
     n = nr + 2 * surfaces
     E0, E1 = np.zeros((nr + nf, n)), np.zeros((nr + nf, n))
     A0, A1, b = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    row, y, x = np.zeros(nr + nf), np.zeros(n), np.zeros(n)
     for c in range(len(m.smooth)):
         E0[m.smooth[c], c], E1[m.smooth[c], c] = 1.0, -1.0
     g = nr
@@ -79,59 +70,56 @@ def assemble(m: Arrays, w: Workspace, slip: Integers, stuck: Flags,
         corners, normal, tangent = m.friction[f].corners, m.friction[f].row, nr + f
         half_a, half_b = 0.5 * m.friction[f].length, 0.5 * m.friction[f].width
         # mt = mubar - V muH: friction per unit of normal force before lH+ is added
-        mt = -m.friction[f].mus if stuck[f] else -m.friction[f].mu * slip[f]
+        mt = -m.friction[f].mus if slip[f] == 0 else -m.friction[f].mu * slip[f]
         for k in range(corners):
             column = m.friction[f].pair + k
             lever = (2 * k - 1) * half_a if corners == 2 else 0.0
-            E1[normal, column] = 1.0
-            E0[normal, column] = -1.0
-            E1[tangent, column] = mt
-            E0[tangent, column] = mt
+            E0[normal, column], E1[normal, column] = -1.0, 1.0
+            E0[tangent, column], E1[tangent, column] = mt, mt
             if corners == 2:
-                E1[normal + 1, column] = lever + half_b * mt
-                E0[normal + 1, column] = -lever - half_b * mt
-            if stuck[f]:
+                E0[normal + 1, column], E1[normal + 1, column] = -lever - half_b * mt, lever + half_b * mt
+            if slip[f] == 0:
                 # lH+ + lH- = 2 mus FN, eq. (17), on the surface of this corner
                 A1[g + surfaces, column] = 2.0 * m.friction[f].mus
                 A0[g + surfaces + 1, column] = -2.0 * m.friction[f].mus
-        if stuck[f]:
-            for surface in range(2):
-                E1[tangent, g] = 1.0
-                if corners == 2:
-                    E1[normal + 1, g] = half_b if surface == 0 else -half_b
-                A0[g, g] = -1.0
-                A1[g, g + surfaces] = -1.0
-                A0[g + surfaces, g + surfaces] = 1.0
-                A1[g + surfaces, g] = -1.0
-                g += 1
+        for surface in range(2 if slip[f] == 0 else 0):
+            E1[tangent, g] = 1.0
+            if corners == 2:
+                E1[normal + 1, g] = half_b if surface == 0 else -half_b
+            A0[g, g], A1[g, g + surfaces] = -1.0, -1.0
+            A0[g + surfaces, g + surfaces], A1[g + surfaces, g] = 1.0, -1.0
+            g += 1
     for r in range(nr):
+        _multiply_row(w.G[r], E0, E1, y, x)
         for c in range(n):
-            y, x = 0.0, 0.0
-            for k in range(nr + nf):
-                y += w.G[r, k] * E0[k, c]
-                x += w.G[r, k] * E1[k, c]
-            A0[r, c] = y + compliance * w.G[r, r] * E0[r, c]
-            A1[r, c] = -(x + compliance * w.G[r, r] * E1[r, c])
+            A0[r, c] = y[c] + compliance * w.G[r, r] * E0[r, c]
+            A1[r, c] = -(x[c] + compliance * w.G[r, r] * E1[r, c])
         b[r] = w.right[r]
     g = nr
     for f in range(nf):
-        if not stuck[f]:
-            continue
         half_b, angle = 0.5 * m.friction[f].width, m.friction[f].row + 1
-        for surface in range(2):
+        for surface in range(2 if slip[f] == 0 else 0):
             lever = half_b if surface == 0 else -half_b
             # W_T of the surface = tangential row +- b/2 angle row, so g_H'' = (that row of G) force - right
-            b[g] = w.right[nr + f] + lever * w.right[angle]
+            for k in range(nr + nf):
+                row[k] = w.G[nr + f, k] + lever * w.G[angle, k]
+            _multiply_row(row, E0, E1, y, x)
             for c in range(n):
-                y, x = 0.0, 0.0
-                for k in range(nr + nf):
-                    both = w.G[nr + f, k] + lever * w.G[angle, k]
-                    y += both * E0[k, c]
-                    x += both * E1[k, c]
-                A0[g, c] += y
-                A1[g, c] -= x
+                A0[g, c] += y[c]
+                A1[g, c] -= x[c]
+            b[g] = w.right[nr + f] + lever * w.right[angle]
             g += 1
     return A0, A1, b, E0, E1
+
+
+@kernel
+def _multiply_row(row, E0, E1, y, x):
+    """The row times E0 into y, and times E1 into x."""
+    for c in range(len(y)):
+        y[c], x[c] = 0.0, 0.0
+        for k in range(len(row)):
+            y[c] += row[k] * E0[k, c]
+            x[c] += row[k] * E1[k, c]
 
 
 SATURATION_COVER = 10.0
@@ -146,7 +134,7 @@ ACCURATE = 1e-9
 
 
 @kernel(allocates=True)
-def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags,  # noqa: C901 - each way a solve ends
+def solve(m: Arrays, w: Workspace, slip: Integers,  # noqa: C901 - each way a solve ends
           limit: int = LIMIT) -> tuple[Reals, Reals, Reals, int, float]:
     """Solve the HLCP by Lemke's method, else by trying all contact modes, if they are not above `limit`.
 
@@ -162,18 +150,18 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags,  # noqa: C901 -
     rest : float
         Acceleration (m/s^2) up to which a stuck guide of this solution is at rest.
     """
-    compliance = 0.0
-    A0, A1, b, E0, E1 = assemble(m, w, slip, stuck)
-    n, surfaces = len(b), _surfaces(stuck)
-    row, unit_y, unit_x = _units(m, w, stuck, n)
-    right = np.zeros((n, n + 1))
-    _scale(A0, A1, b, row, unit_y, unit_x, right)
-    if not eliminate_columns(A0, right, n, n + 1, n):
-        compliance = COMPLIANCE
-        A0, A1, b, E0, E1 = assemble(m, w, slip, stuck, compliance)
+    surfaces = _surfaces(slip)
+    n = m.rows + 2 * surfaces
+    row, unit_y, unit_x = _units(m, w, slip, n)
+    right, regular = np.zeros((n, n + 1)), False
+    for compliance in (0.0, COMPLIANCE):
+        A0, A1, b, E0, E1 = assemble(m, w, slip, compliance)
         _scale(A0, A1, b, row, unit_y, unit_x, right)
-        if not eliminate_columns(A0, right, n, n + 1, n):
-            return np.zeros(len(w.force)), b, b, SINGULAR, 0.0
+        regular = eliminate_columns(A0, right, n, n + 1, n)
+        if regular:
+            break
+    if not regular:
+        return np.zeros(len(w.force)), b, b, SINGULAR, 0.0
     q, cover = np.zeros(n), np.zeros(n)
     for i in range(n):
         q[i], cover[i] = right[i, n], 1.0 if i < m.rows + surfaces else SATURATION_COVER
@@ -186,26 +174,24 @@ def solve(m: Arrays, w: Workspace, slip: Integers, stuck: Flags,  # noqa: C901 -
     if outcome != SOLVED and w.solver != LEMKE:
         w.counters.enumerations += 1
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, len(m.friction)), dtype=np.int64)
-        found = solutions(m, w, slip, stuck, forces, directions, compliance, limit)
+        found = solutions(m, w, slip, forces, directions, compliance, limit)
         if found > 0:
-            _variables(m, w, stuck, forces[0], directions[0], y, x)
-            _multiply(y, unit_y, -1)
-            _multiply(x, unit_x, -1)
+            _variables(m, w, slip, forces[0], directions[0], y, x)
+            _rescale(y, x, unit_y, unit_x, -1)
             outcome = SOLVED
         elif found == 0:
             outcome = NONE
     force = np.zeros(len(w.force))
     if outcome == SOLVED:
         if compliance > 0.0:
-            A0, A1, b, _, _ = assemble(m, w, slip, stuck)
+            A0, A1, b, _, _ = assemble(m, w, slip)
             _scale(A0, A1, b, row, unit_y, unit_x, right)
             for i in range(n):
                 q[i] = right[i, n]
             if _polish(A0, right, q, y, x) > CONTRADICTION:
                 outcome = SINGULAR
-            _share(m, w, slip, stuck, y, x, unit_y, unit_x)
-        _multiply(y, unit_y, 1)
-        _multiply(x, unit_x, 1)
+            _share(m, w, slip, y, x, unit_y, unit_x)
+        _rescale(y, x, unit_y, unit_x, 1)
         for k in range(len(force)):
             for c in range(n):
                 force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
@@ -238,23 +224,24 @@ def _left(m, w, force):
 
 
 @kernel
-def _surfaces(stuck):
+def _surfaces(slip):
     """Surfaces of the guides at rest."""
     count = 0
-    for f in range(len(stuck)):
-        count += 2 if stuck[f] else 0
+    for f in range(len(slip)):
+        count += 2 if slip[f] == 0 else 0
     return count
 
 
 @kernel
-def _multiply(values: Reals, units: Reals, power: int) -> None:
-    """Multiply by units, or divide (power -1), in place."""
-    for i in range(len(values)):
-        values[i] = values[i] * units[i] if power > 0 else values[i] / units[i]
+def _rescale(y: Reals, x: Reals, unit_y: Reals, unit_x: Reals, power: int) -> None:
+    """Multiply y and x by their units, or divide (power -1), in place."""
+    for i in range(len(y)):
+        y[i] = y[i] * unit_y[i] if power > 0 else y[i] / unit_y[i]
+        x[i] = x[i] * unit_x[i] if power > 0 else x[i] / unit_x[i]
 
 
 @kernel(allocates=True)
-def _units(m: Arrays, w: Workspace, stuck: Flags, n: int) -> tuple[Reals, Reals, Reals]:
+def _units(m: Arrays, w: Workspace, slip: Integers, n: int) -> tuple[Reals, Reals, Reals]:
     """Scales of the equations, of y and of x: each row in units of the square root of its own mobility G_rr.
 
     With them neither the units of length, mass and time nor the masses of the bodies enter the decision which pivots
@@ -265,12 +252,12 @@ def _units(m: Arrays, w: Workspace, stuck: Flags, n: int) -> tuple[Reals, Reals,
         row[r] = 1.0 / np.sqrt(w.G[r, r]) if w.G[r, r] > 0.0 else 1.0
     for c in range(len(m.smooth)):
         unit_y[c], unit_x[c] = row[m.smooth[c]], row[m.smooth[c]]
-    g, surfaces = m.rows, _surfaces(stuck)
+    g, surfaces = m.rows, _surfaces(slip)
     for f in range(len(m.friction)):
         force, t = row[m.friction[f].row], m.rows + f
         for c in range(m.friction[f].pair, m.friction[f].pair + m.friction[f].corners):
             unit_y[c], unit_x[c] = force, force
-        if stuck[f]:
+        if slip[f] == 0:
             acceleration = np.sqrt(w.G[t, t])
             for _ in range(2):
                 row[g], unit_y[g], unit_x[g] = 1.0 / acceleration, acceleration, force
@@ -292,17 +279,11 @@ def _scale(A0: Table, A1: Table, b: Reals, row: Reals, unit_y: Reals, unit_x: Re
 
 @kernel(allocates=True)
 def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
-    """Take the compliance out of a solution, in place.
-
-    The shortest one of A0 y = A1 x + b in the variables that are not zero.
+    """Take the compliance out of a solution, in place: the shortest one of A0 y = A1 x + b in its variables not zero.
 
     With compliance A0 is so badly conditioned that pivoting loses half of all digits. A variable that becomes zero on
-    the way to the shortest solution stays zero (as in Lawson & Hanson's least squares with bounds).
-
-    Returns
-    -------
-    float
-        The largest residual over the largest right-hand side: above CONTRADICTION there is no solution.
+    the way to the shortest solution stays zero (as in Lawson & Hanson's least squares with bounds). Returns the largest
+    residual over the largest right-hand side: above CONTRADICTION there is no solution.
     """
     n = len(b)
     value, shortest, count = np.zeros(n), np.zeros(n), 0
@@ -318,14 +299,7 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
             shortest[k] = 0.0
             for i in range(n):
                 basis[i, k] = A0[i, chosen[k]] if in_y[chosen[k]] else -A1[i, chosen[k]]
-        left_of, s, right_of = decompose(basis)
-        for k in range(len(s)):
-            if s[k] > RANK_TOLERANCE * s[0]:
-                part = 0.0
-                for i in range(n):
-                    part += left_of[k, i] * b[i]
-                for i in range(count):
-                    shortest[i] += right_of[i, k] * (part / s[k])
+        add_shortest(basis, b, shortest)
         part, first = 1.0, -1
         for k in range(count):
             old = value[chosen[k]]
@@ -351,41 +325,36 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
 
 
 @kernel(allocates=True)
-def _share(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, y: Reals, x: Reals, unit_y: Reals,
-           unit_x: Reals) -> None:
+def _share(m: Arrays, w: Workspace, slip: Integers, y: Reals, x: Reals, unit_y: Reals, unit_x: Reals) -> None:
     """Shortest row forces where all guides at rest stay there, in place, if they are within the capacities.
 
     They are the solution of a hyperstatic stick that depends neither on the order of constraints nor on
     units. y, x in the units of `_units`.
     """
-    nf, surfaces, largest = len(m.friction), _surfaces(stuck), 0.0
+    nf, surfaces, largest = len(m.friction), _surfaces(slip), 0.0
     for j in range(len(y)):
         largest = max(largest, y[j], x[j])
     for g in range(m.rows, m.rows + surfaces):
         if max(y[g], x[g + surfaces]) > REST_COMPLIANT * largest:
             return
-    mode, corner = np.zeros(nf, dtype=np.int64), np.zeros((nf, 4), dtype=np.int64)
-    accelerate, event = np.zeros(nf), np.zeros(len(w.event))
+    corner, accelerate, event = np.zeros((nf, 4), dtype=np.int64), np.zeros(nf), np.zeros(len(w.event))
     copy(w.event, event)
-    for f in range(nf):
-        mode[f] = 0 if stuck[f] else slip[f]
-    read(m, stuck, y, x, accelerate, corner)
-    solve_mode(m, w, mode, corner)
-    choose_branches(m, w, mode, corner, ALL)
-    event_functions(m, w, mode, corner)
+    read(m, w, slip, w.force, y, x, accelerate, corner)
+    solve_mode(m, w, slip, corner)
+    choose_branches(m, w, slip, corner, ALL)
+    event_functions(m, w, slip, corner)
     largest, admissible = largest_force(m, w, w.force), True
     for r in range(len(w.force)):
         admissible = admissible and np.isfinite(w.force[r])
     for f in range(nf):
         normal = m.friction[f].row
         floor = ACCURATE * largest / np.sqrt(w.G[normal, normal])
-        for e in range(0 if stuck[f] else 1, 3):
+        for e in range(0 if slip[f] == 0 else 1, 3):
             admissible = admissible and w.event[3 * f + e] >= -floor
     copy(event, w.event)
     if admissible:
-        _variables(m, w, stuck, w.force, mode, y, x)
-        _multiply(y, unit_y, -1)
-        _multiply(x, unit_x, -1)
+        _variables(m, w, slip, w.force, slip, y, x)
+        _rescale(y, x, unit_y, unit_x, -1)
 
 
 @kernel
@@ -403,9 +372,9 @@ def _violation(M: Table, q: Reals, y: Reals, x: Reals) -> float:
 
 
 @kernel(allocates=True)
-def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: Integers, y: Reals, x: Reals) -> None:
+def _variables(m: Arrays, w: Workspace, slip: Integers, force: Reals, direction: Integers, y: Reals, x: Reals) -> None:
     """y and x of row forces; the friction of a stuck slider mobilizes both surfaces equally."""
-    nr, nf, surfaces = m.rows, len(m.friction), _surfaces(stuck)
+    nr, nf, surfaces = m.rows, len(m.friction), _surfaces(slip)
     for c in range(len(m.smooth)):
         y[c], x[c] = max(force[m.smooth[c]], 0.0), max(-force[m.smooth[c]], 0.0)
     g = nr
@@ -413,65 +382,40 @@ def _variables(m: Arrays, w: Workspace, stuck: Flags, force: Reals, direction: I
         guide = m.friction[f]
         column = guide.pair
         R, T, friction = force[guide.row], force[guide.row + 1], force[nr + f]
-        coefficient = guide.mus if stuck[f] else guide.mu
-        kappa = -coefficient * direction[f]
-        if direction[f] == 0:
-            kappa = mobilization(guide, R, T, friction)
-        upper, lower = max(-R, 0.0), max(R, 0.0)
-        if guide.length > 0.0:
-            lower, upper = 0.0, 0.0
-            for n in corner_forces(guide, R, T, kappa):
-                y[column], x[column] = max(-n, 0.0), max(n, 0.0)
-                lower, upper = lower + x[column], upper + y[column]
-                column += 1
-        else:
-            y[column], x[column] = upper, lower
-            column += 1
-        if stuck[f]:
-            acceleration = row_acceleration(w, nr + f, force)
+        mu = coefficient(m, f, slip)
+        kappa = -mu * direction[f] if direction[f] != 0 else mobilization(guide, R, T, friction)
+        lower, upper, corners = 0.0, 0.0, corner_forces(guide, R, T, kappa)
+        for k in range(guide.corners):
+            y[column + k], x[column + k] = max(-corners[k], 0.0), max(corners[k], 0.0)
+            lower, upper = lower + x[column + k], upper + y[column + k]
+        if slip[f] == 0:
+            acceleration = row_acceleration(w, nr + f, force) if direction[f] != 0 else 0.0
             for load in (lower, upper):
-                if direction[f] != 0:
-                    y[g], x[g + surfaces] = max(acceleration, 0.0), max(-acceleration, 0.0)
-                else:
-                    y[g], x[g + surfaces] = 0.0, 0.0
-                y[g + surfaces], x[g] = (coefficient - kappa) * load, (coefficient + kappa) * load
+                y[g], x[g + surfaces] = max(acceleration, 0.0), max(-acceleration, 0.0)
+                y[g + surfaces], x[g] = (mu - kappa) * load, (mu + kappa) * load
                 g += 1
 
 
 @kernel
-def correct_accelerations(m, w, force, accelerate):
-    """Make accelerations of a solution those that its forces give, in place.
-
-    With compliance those of its basis differ between guides on one line.
-
-    One along its friction is of a basis that compliance chose wrongly, by less than itself: that guide is at rest.
-    """
-    for f in range(len(m.friction)):
-        if accelerate[f] != 0.0:
-            accelerate[f] = row_acceleration(w, m.rows + f, force)
-            if accelerate[f] * force[m.rows + f] > 0.0:
-                accelerate[f] = 0.0
-
-
-@kernel
-def read(m, stuck, y, x, accelerate, corner):
+def read(m, w, slip, force, y, x, accelerate, corner):
     """Accelerations g_H'' of the stuck guides and the signs of the corner forces from a solution.
 
-    Parameters
-    ----------
-    accelerate : ndarray, shape (frictional,)
-        Receives gH+ - gH- of the lower surface (both surfaces agree, the slider cannot turn in its guide).
-    corner : ndarray of int, shape (frictional, 2)
-        Receives the sign of F+_j - F-_j; +1 where both vanish. A guide without length uses the first.
+    `accelerate` is 0 where gH+ - gH- of the lower surface is (both agree, the slider cannot turn in its guide), else
+    what the forces give: with compliance those of the basis differ between guides on one line. One along its friction
+    is of a basis that compliance chose wrongly, by less than itself: that guide is at rest. `corner` receives the signs
+    of F+_j - F-_j, +1 where both vanish. A guide without length uses the first.
     """
-    g, surfaces = m.rows, _surfaces(stuck)
+    g, surfaces = m.rows, _surfaces(slip)
     for f in range(len(m.friction)):
         for k in range(m.friction[f].corners):
             column = m.friction[f].pair + k
             corner[f, k] = -1 if y[column] > x[column] else 1
         accelerate[f] = 0.0
-        if stuck[f]:
-            accelerate[f] = y[g] - x[g + surfaces]
+        if slip[f] == 0:
+            if y[g] != x[g + surfaces]:
+                accelerate[f] = row_acceleration(w, m.rows + f, force)
+            if accelerate[f] * force[m.rows + f] > 0.0:
+                accelerate[f] = 0.0
             g += 2
 
 

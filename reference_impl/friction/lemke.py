@@ -20,20 +20,9 @@ TIE = 1e-12
 def lemke(M: Table, q: Reals, d: Reals) -> tuple[Reals, Reals, int, int]:
     """Solve the linear complementarity problem w = M z + q along the path w = M z + q + d z0, z0 -> 0.
 
-    Parameters
-    ----------
-    M : ndarray, shape (n, n), or more columns, which are not read
-    q : ndarray, shape (n,)
-    d : ndarray, shape (n,)
-        The covering vector, positive.
-
-    Returns
-    -------
-    w, z : ndarray, shape (n,)
-    outcome : int
-        SOLVED; RAY: a secondary ray (for the matrices of Coulomb friction: no solution was found on this path);
-        PIVOT_LIMIT.
-    pivots : int
+    `M` (n, n), or with more columns, which are not read; `q` (n,); `d` (n,): the covering vector, positive. Returns w,
+    z, the outcome and the number of pivots. Outcomes are SOLVED; RAY: a secondary ray (for the matrices of Coulomb
+    friction: no solution was found on this path); PIVOT_LIMIT.
     """
     n = len(q)
     w, z = np.zeros(n), np.zeros(n)

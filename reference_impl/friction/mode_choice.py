@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals, at
+from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy, taken
 from stiction.reference_impl.friction.contact_solvers import solve_contact
@@ -18,60 +18,39 @@ from stiction.reference_impl.friction.coulomb import can_jam
 from stiction.reference_impl.friction.guides_at_rest import leave_together
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
 from stiction.reference_impl.friction.uniqueness import has_several
-from stiction.reference_impl.multibody.banded_systems import fill_cell_of, guides_of
+from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells
 from stiction.reference_impl.multibody.dynamics import row_acceleration, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 HOLDS, LEAVES = np.inf, -1.0
 """Rest speeds of a guide that is at rest whatever its slip speed, and of one that leaves rest at this instant."""
+MOST_AT_REST = 4
+"""Guides of a cell at rest up to which other modes are looked for: 80 contact problems."""
+
 
 @kernel(allocates=True)
 def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integers, corner: IntegerTable,
                 rest_speed: Reals) -> int:
     """Decide stick or slip and the corners' signs at (t, q, v), in place.
 
-    Parameters
-    ----------
-    slip : ndarray of int, shape (frictional,)
-        Receives the directions; read for a guide that has just broken away.
-    corner : ndarray of int, shape (frictional, 2 or more)
-        The corners' signs: before, and on return after.
-    rest_speed : ndarray, shape (frictional,)
-        Slip speed (m/s) up to which a guide is at rest; HOLDS; or LEAVES, in the direction `slip`.
-
-    Returns
-    -------
-    outcome : int
-        The solver's (`outcomes`), or SEVERAL, or JAM.
+    `slip` receives the directions, and is read for a guide that has just broken away. `corner`, of two columns or more:
+    the corners' signs, before, and on return after. `rest_speed`: slip speed (m/s) up to which a guide is at rest;
+    HOLDS; or LEAVES, in the direction `slip`. Returns the outcome: the solver's (`outcomes`), or SEVERAL, or JAM.
     """
-    nf = len(m.friction)
     row_form(m, w, t, q, v)
-    stuck = np.zeros(nf, dtype=np.bool_)
-    for f in range(nf):
-        stuck[f] = abs(w.slip_speed[f]) <= rest_speed[f]
-        if stuck[f]:
+    for f in range(len(slip)):
+        if abs(w.slip_speed[f]) <= rest_speed[f]:
             slip[f] = 0
         elif rest_speed[f] != LEAVES:
             slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
-    if len(m.cell) < 2:
-        return _settle(m, w, slip, stuck, corner)
-    return _settle_cells(m, w, slip, stuck, corner)
-
-
-@kernel(allocates=True)
-def _settle_cells(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable) -> int:
-    """Variant of `_settle` for several cells, one after the other."""
-    for c in range(len(m.cell)):
-        fill_cell_of(m, w, c)
-        own_m, own_w = at(m.separate[c], m), at(w.separate[c], w)
-        guides = guides_of(m, own_m)
+    for c in range(count_cells(m)):
+        own_m, own_w, guides = cell_of(m, w, c)
         if not len(guides):
             continue
         own_slip, own_corner = taken(slip, guides), np.zeros((len(guides), corner.shape[1]), dtype=np.int64)
         for i in range(len(guides)):
             copy(corner[guides[i]], own_corner[i])
-        outcome = _settle(own_m, own_w, own_slip, taken(stuck, guides), own_corner)
+        outcome = _settle(own_m, own_w, own_slip, own_corner)
         for i in range(len(guides)):
             slip[guides[i]] = own_slip[i]
             copy(own_corner[i], corner[guides[i]])
@@ -83,12 +62,12 @@ def _settle_cells(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner:
 
 
 @kernel(allocates=True)
-def _settle(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable) -> int:
+def _settle(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> int:
     """Modes of the guides of one cell, in place."""
     nf = len(m.friction)
     accelerate, firmness, direction = np.zeros(nf), np.zeros(nf), np.zeros(nf, dtype=np.int64)
     for _ in range(nf + 1):
-        outcome, rest = solve_contact(m, w, slip, stuck, corner, accelerate)
+        outcome, rest = solve_contact(m, w, slip, corner, accelerate)
         if outcome != SOLVED:
             return outcome
         if has_several(m, w, slip):
@@ -96,49 +75,29 @@ def _settle(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: Integ
         leaving = False
         for f in range(nf):
             firmness[f], direction[f] = -abs(accelerate[f]), 0
-            if stuck[f] and abs(accelerate[f]) > rest:
+            if slip[f] == 0 and abs(accelerate[f]) > rest:
                 if can_jam(m, f):
                     return JAM
                 leaving, direction[f] = True, 1 if accelerate[f] > 0.0 else -1
         if not leaving:
             return SOLVED
-        leave_together(m, w, direction, firmness, slip, stuck)
+        leave_together(m, w, direction, firmness, slip)
     return SOLVED
-
-
-MOST_AT_REST = 4
-"""Guides of a cell at rest up to which other modes are looked for: 80 contact problems."""
 
 
 @kernel(allocates=True)
 def other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int:
     """Count the other contact modes that obey the law of two coefficients where not all guides can rest.
 
-    Each guide that was at rest may stay, with the static coefficient, or leave in either direction, with the kinetic
-    one, if it then accelerates that way. Where several guides are at rest, each of two may be the one whose departure
-    relieves the other. `choose_mode` takes what follows from the static coefficients of all (Zhuang & Wang, Sect. 3);
-    this tells where another choice was possible.
-
-    Parameters
-    ----------
-    m, w : Arrays, Workspace
-        As `choose_mode` leaves them. The row forces are changed.
-    resting : ndarray of bool, shape (frictional,)
-        The guides that were at rest when the mode was chosen.
-    slip : ndarray of int, shape (frictional,)
-        The mode that was chosen.
-
-    Returns
-    -------
-    int
-        0 as well where more than MOST_AT_REST guides of a cell are at rest.
+    Each guide that was at rest (`resting`) may stay, with the static coefficient, or leave in either direction, with
+    the kinetic one, if it then accelerates that way. Where several guides are at rest, each of two may be the one whose
+    departure relieves the other. `choose_mode` takes what follows from the static coefficients of all (Zhuang & Wang,
+    Sect. 3), the mode `slip`; this tells where another choice was possible. It is 0 as well where more than
+    MOST_AT_REST guides of a cell are at rest. The row forces of the workspace are changed.
     """
-    if len(m.cell) < 2:
-        return _other_modes(m, w, resting, slip)
     found = 0
-    for c in range(len(m.cell)):
-        own_m, own_w = at(m.separate[c], m), at(w.separate[c], w)
-        guides = guides_of(m, own_m)
+    for c in range(count_cells(m)):
+        own_m, own_w, guides = cell_of(m, w, c)
         found += _other_modes(own_m, own_w, taken(resting, guides), taken(slip, guides))
     return found
 
@@ -153,18 +112,17 @@ def _other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int
             two = two or m.friction[f].mus > m.friction[f].mu
     if not (leaving and two and 2 <= count <= MOST_AT_REST):
         return 0
-    other, stuck, accelerate = slip.copy(), np.zeros(nf, dtype=np.bool_), np.zeros(nf)
+    other, accelerate = slip.copy(), np.zeros(nf)
     corner = np.ones((nf, 2), dtype=np.int64)
     for mode in range(modes):
         rest_of_mode, moves, is_chosen = mode, False, True
         for f in range(nf):
             if resting[f]:
                 other[f], rest_of_mode = rest_of_mode % 3 - 1, rest_of_mode // 3
-                stuck[f] = other[f] == 0
                 moves, is_chosen = moves or other[f] != 0, is_chosen and other[f] == slip[f]
         if is_chosen or not moves:
             continue
-        outcome, rest = solve_contact(m, w, other, stuck, corner, accelerate)
+        outcome, rest = solve_contact(m, w, other, corner, accelerate)
         consistent = outcome == SOLVED
         for f in range(nf):
             if resting[f] and other[f] != 0:

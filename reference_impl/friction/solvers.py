@@ -10,30 +10,18 @@ SOLVERS = {"automatic": AUTOMATIC, "lemke": LEMKE, "enumeration": ENUMERATION, "
 
 
 class Counters(Record):
-    """Counters of an integration: accepted and rejected steps, right-hand sides, contact problems, and so on.
+    """Counters of an integration."""
 
-    Attributes
-    ----------
-    pivots : int
-        Or trials, or modes tried.
-    lemke_rays : int
-        Ends of Lemke's method without a solution.
-    enumerations : int
-        Searches of all modes after such an end.
-    trial_fallbacks : int
-        Contact problems that trial and error did not solve and handed to Lemke's method.
-    """
-
-    steps: int
+    steps: int  # accepted ones
     rejected: int
-    rhs: int
-    hlcp: int
-    pivots: int
+    rhs: int  # right-hand sides
+    hlcp: int  # contact problems
+    pivots: int  # or trials, or modes tried
     events: int
     projections: int
-    lemke_rays: int
-    enumerations: int
-    trial_fallbacks: int
+    lemke_rays: int  # ends of Lemke's method without a solution
+    enumerations: int  # searches of all modes after such an end
+    trial_fallbacks: int  # contact problems that trial and error did not solve and handed to Lemke's method
 
 
 def named(counters: Record) -> dict[str, int]:

@@ -11,60 +11,46 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals
+from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
 from stiction.reference_impl.compiled.loops import are_equal, copy
 from stiction.reference_impl.friction.enumeration import fill, revise
-from stiction.reference_impl.friction.frozen_mode import solve_assumed
+from stiction.reference_impl.friction.frozen_mode import solve_cells
 from stiction.reference_impl.friction.outcomes import SIGN_CYCLE, SINGULAR, SOLVED
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Workspace
 
 
 @kernel(allocates=True)
-def trial_and_error(m: Arrays, w: Workspace, slip: Integers, stuck: Flags, corner: IntegerTable, force: Reals,
+def trial_and_error(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, force: Reals,
                     direction: Integers) -> tuple[int, int, int]:
     """Forces of the rows in the workspace; the static coefficient holds for every guide at rest.
 
-    Parameters
-    ----------
-    slip, stuck : ndarray, shape (frictional,)
-        As in `hlcp.assemble`.
-    corner : ndarray of int, shape (frictional, 2)
-        The signs assumed first; receives those of the solution, and is left alone where none is found.
-    force : ndarray, shape (rows + frictional,)
-        Receives the row forces.
-    direction : ndarray of int, shape (frictional,)
-        Receives the direction in which each guide slips or begins to; 0 for one that stays at rest.
+    `slip` as in `hlcp.assemble`. `corner` (frictional, 2): the signs assumed first; receives those of the
+    solution, and is left alone where none is found. `force` and `direction` receive the row forces and the direction in
+    which each guide slips or begins to, 0 for one that stays at rest.
 
-    Returns
-    -------
-    outcome : int
-        SOLVED; SIGN_CYCLE: an earlier set of assumptions came back; SINGULAR: so is the system of a set.
-    trials : int
-        Linear solves.
-    guide : int
-        The first guide whose assumptions the last trial contradicted, or NO_GUIDE.
+    Returns the outcome (SOLVED; SIGN_CYCLE: an earlier set of assumptions came back; SINGULAR: so is the system of a
+    set), the number of linear solves, and the first guide whose assumptions the last one contradicted, or NO_GUIDE.
     """
     nr, nf = m.rows, len(m.friction)
     size = 0 if len(m.cell) else nr + nf
     A, signs, kept = np.zeros((size, size)), np.zeros((nf, 2), dtype=np.int64), np.zeros(nf, dtype=np.int64)
     for f in range(nf):
-        signs[f, 0], signs[f, 1], direction[f] = corner[f, 0], corner[f, 1], 0 if stuck[f] else slip[f]
+        signs[f, 0], signs[f, 1], direction[f] = corner[f, 0], corner[f, 1], slip[f]
         kept[f] = direction[f]
     kept_signs, trials, renew = signs.copy(), 0, 1
     while True:
         trials += 1
         if len(m.cell):
-            regular = solve_assumed(m, w, slip, direction, signs)
+            regular = solve_cells(m, w, slip, direction, signs, True)
             copy(w.force, force)
         else:
-            fill(m, w, stuck, direction, signs, A, force, 0.0)
+            fill(m, w, slip, direction, signs, A, force, 0.0)
             regular = solve_in_place(A, force, w.unit, nr + nf, nr + nf)
         if not regular:
             return SINGULAR, trials, NO_GUIDE
-        guide = revise(m, w, stuck, direction, signs, force)
+        guide = revise(m, w, slip, direction, signs, force)
         if guide == NO_GUIDE:
             for f in range(nf):
                 corner[f, 0], corner[f, 1] = signs[f, 0], signs[f, 1]

@@ -19,9 +19,9 @@ from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Real
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate
 from stiction.reference_impl.friction.coulomb import friction_coefficients
+from stiction.reference_impl.friction.frozen_mode import friction_of
 from stiction.reference_impl.multibody import baumgarte
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 REGULAR = 0.0
 """Tolerance of pivots, which are as unlike as the masses: that the rows are independent is known from G."""
@@ -70,6 +70,5 @@ def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
         if slip[f] == 0:
             w.force[nr + f] = x[column[f]]
         else:
-            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
-            w.force[nr + f] = c_R * w.force[m.friction[f].row] + c_T * w.force[m.friction[f].row + 1]
+            w.force[nr + f] = friction_of(m, f, slip, corner, w.force)
     return True

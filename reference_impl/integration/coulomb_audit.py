@@ -18,36 +18,23 @@ from stiction.scenes.trajectory import stacked
 
 @dataclass(frozen=True)
 class Audit:
-    """Outcome of an audit.
-
-    Attributes
-    ----------
-    instants : int
-        Instants at which the HLCP was solved.
-    complementarity : float
-        Largest residual of eqs. (37)-(38), relative to the largest term (`hlcp.residual`).
-    acceleration : float
-        Largest difference between the trajectory's accelerations and those of the HLCP, relative to the largest one or
-        to what the applied forces would cause without joints, if that is larger.
-    unsolved : int
-        Instants at which Lemke's method found no solution.
-    """
+    """Outcome of an audit."""
 
     instants: int
+    """Instants at which the HLCP was solved."""
     complementarity: float
+    """Largest residual of eqs. (37)-(38), relative to the largest term (`hlcp.residual`)."""
     acceleration: float
+    """Largest difference between the trajectory's accelerations and those of the HLCP, relative to the largest one or
+    to what the applied forces would cause without joints, if that is larger."""
     unsolved: int
+    """Instants at which Lemke's method found no solution."""
 
 
 def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) -> Audit:
-    """Solve the HLCP at evenly spread samples of a reference trajectory and compare.
+    """Solve the HLCP at evenly spread samples of a reference trajectory, which has the contact modes, and compare.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        A run of the reference implementation: it must have the contact modes.
-    mechanism : Mechanism
-        With the stabilization that the trajectory was computed with.
+    The mechanism has the stabilization that the trajectory was computed with.
     """
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     if not m.rows:
@@ -60,12 +47,11 @@ def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) ->
     fresh = np.zeros(len(m.inverse_mass))
     for i in chosen:
         row_form(m, w, trajectory.t[i], q[i], v[i])
-        stuck = slip[i] == 0
-        force, y, x, outcome, *_ = hlcp.solve(m, w, slip[i], stuck)
+        force, y, x, outcome, *_ = hlcp.solve(m, w, slip[i])
         if outcome != SOLVED:
             unsolved += 1
             continue
-        A0, A1, b, _, _ = hlcp.assemble(m, w, slip[i], stuck)
+        A0, A1, b, _, _ = hlcp.assemble(m, w, slip[i])
         residual = max(residual, hlcp.residual(A0, A1, b, y, x))
         acceleration(m, w, force, fresh)
         difference = max(difference, float(np.max(np.abs(fresh - a[i]))))

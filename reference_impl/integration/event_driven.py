@@ -15,28 +15,29 @@ from typing import Any
 
 import numpy as np
 
+from stiction.reference_impl.compiled.bundle import Reals
 from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.outcomes import (AUDIT, CRAWL, DONE, NOT_FINITE, REPEAT, ROOM, SEVERAL,
                                                        STEP_LIMIT, STEP_TOO_SMALL)
 from stiction.reference_impl.friction.solvers import AUTOMATIC, named
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
-from stiction.reference_impl.integration.dop853 import combine, dense_at, dense_coefficients, error_norm
-from stiction.reference_impl.integration.dop853_coefficients import A_EXTRA, C_EXTRA, EXTRA, STAGES
+from stiction.reference_impl.integration.dop853 import (A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at,
+                                                        dense_coefficients, error_norm)
 from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, falls_to_end, first_root,
                                                                 go_to_event, may_vanish, zero_near_end)
-from stiction.reference_impl.integration.integration_state import (AT_ONCE, NO_EVENT, NOISE, State, Task, noise,
-                                                                   remember, state, take_step)
+from stiction.reference_impl.integration.integration_state import (AT_ONCE, NO_EVENT, NOISE, State, Task,
+                                                                   error_along_motion, noise, remember, state,
+                                                                   take_step)
 from stiction.reference_impl.integration.mode_switch import begin, switch_mode
 from stiction.reference_impl.integration.result import EventLog, Run, Samples, breakdown_of, columns_and_events
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, end_at_several
 from stiction.reference_impl.integration.step_audit import audit
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace, workspace
-from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
 from stiction.reference_impl.multibody.projection import project
-from stiction.reference_impl.multibody.singular_positions import error_along_motion
 from stiction.reference_impl.multibody.trajectory_columns import write_sample
 from stiction.scenes import Cost
 
@@ -66,8 +67,9 @@ def integrate(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, l
     while True:
         if p.fresh:
             _refresh(m, w, s)
-        if not _emit_here(m, w, s, samples):
-            return NOT_FINITE
+        while p.next_output < len(samples.t) and samples.t[p.next_output] <= p.time:
+            if not _emit(m, w, s, samples, p.time, s.y):
+                return NOT_FINITE
         if p.time >= task.t_end:
             return DONE
         if w.counters.steps >= task.step_limit:
@@ -75,23 +77,21 @@ def integrate(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, l
         if not _propose(s, task):
             return STEP_TOO_SMALL
         outcome = _attempt(m, w, s, task)
-        if outcome == REPEAT:
+        if outcome == REPEAT or outcome == DONE and not _locate(m, w, s, samples):
             continue
         if outcome != DONE:
             return outcome
-        if not _locate(m, w, s, samples):
-            continue
         if step.critical:
             end_at_several(m, w, s)
-        if not _emit_inside(m, w, s, samples):
-            return NOT_FINITE
+        while p.next_output < len(samples.t) and samples.t[p.next_output] < p.time + step.length:
+            dense_at(s.F, s.y, (samples.t[p.next_output] - p.time) / step.h, s.probe)
+            if not _emit(m, w, s, samples, samples.t[p.next_output], s.probe):
+                return NOT_FINITE
         outcome = _commit(m, w, s, task)
+        if outcome == DONE and step.event != NO_EVENT:
+            outcome = switch_mode(m, w, s, log, task.first_step)
         if outcome != DONE:
             return outcome
-        if step.event != NO_EVENT:
-            outcome = switch_mode(m, w, s, log, task.first_step)
-            if outcome != DONE:
-                return outcome
 
 
 @kernel
@@ -139,7 +139,7 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
     bodies = len(m.inverse_mass) // 3 if smooth and task.rtol >= LEAST_BY_BODY else 0
     error = error_norm(s.K, h, s.scale, bodies)
     if 1.0 < error < np.inf and smooth:
-        error = error_along_motion(m, w, p.time, h, s.y, s.y_new, s.K, s.scale, s.probe, error, bodies)
+        error = error_along_motion(m, w, s, error, bodies)
     if not error <= 1.0:
         w.counters.rejected += 1
         if not np.isfinite(error):
@@ -210,10 +210,10 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
         length = step.fraction * h
         take_step(m, w, s, t, length)
         correction = -s.seen[STAGES - 1, step.event] * h / slope
-        step.length, met = go_to_event(m, w, s, length, correction, SLOPE, step.event, False)
+        step.length, met = go_to_event(m, w, s, length, correction, SLOPE, False)
     elif meets and not suspicious:
         step.event = p.aimed
-        step.length, met = go_to_event(m, w, s, h, ahead * h, NEAR, step.event, True)
+        step.length, met = go_to_event(m, w, s, h, ahead * h, NEAR, True)
         step.fraction = step.length / h
         if t + step.length > step.stop:
             p.step = max(p.step, step.stop - t)  # there is none before the stop: a step that ends there
@@ -238,31 +238,14 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
 
 
 @kernel
-def _emit_here(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
-    """Write the samples that are due at the state; False if it is not finite."""
-    p = s.progress
-    while p.next_output < len(samples.t) and samples.t[p.next_output] <= p.time:
-        right_hand_side(m, w, p.time, s.y, s.slip, s.corner, s.dy)
-        if not is_finite(s.dy):
-            return False
-        i = p.next_output
-        write_sample(w, s.y, s.dy, s.slip, samples.motion[i], samples.force[i], samples.slip[i])
-        p.next_output += 1
-    return True
-
-
-@kernel
-def _emit_inside(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
-    """Write the samples within the step; False if one is not finite."""
-    p, step = s.progress, s.attempt
-    while p.next_output < len(samples.t) and samples.t[p.next_output] < p.time + step.length:
-        i = p.next_output
-        dense_at(s.F, s.y, (samples.t[i] - p.time) / step.h, s.probe)
-        right_hand_side(m, w, samples.t[i], s.probe, s.slip, s.corner, s.dy)
-        if not is_finite(s.dy):
-            return False
-        write_sample(w, s.probe, s.dy, s.slip, samples.motion[i], samples.force[i], samples.slip[i])
-        p.next_output += 1
+def _emit(m: Arrays, w: Workspace, s: State, samples: Samples, t: float, y: Reals) -> bool:
+    """Write the next sample, of the state y at t; False if it is not finite."""
+    i = s.progress.next_output
+    right_hand_side(m, w, t, y, s.slip, s.corner, s.dy)
+    if not is_finite(s.dy):
+        return False
+    write_sample(w, y, s.dy, s.slip, samples.motion[i], samples.force[i], samples.slip[i])
+    s.progress.next_output += 1
     return True
 
 
@@ -335,50 +318,30 @@ def _project(m, w, s, has_rows):
 
 @dataclass(frozen=True)
 class Options:
-    """Options of an integration besides its tolerance.
-
-    Attributes
-    ----------
-    step_limit : int
-        Accepted steps after which the run is given up.
-    solver : int
-        One of `solvers.SOLVERS`.
-    sides : bool
-        Whether events keep the values of the columns before and after them: of all, a kilobyte or more each.
-    audits : int
-        Instants of each step at which Coulomb's law is verified; where it is violated the run ends.
-    names : Collection of str, optional
-        The columns that are wanted; all where None.
-    events_behind : float
-        Seconds; of the events those behind this instant are wanted.
-    ends : list of float, optional
-        Gets the ends of all accepted steps (s), and the instant of a breakdown.
-    """
+    """Options of an integration besides its tolerance."""
 
     step_limit: int = 10_000_000
+    """Accepted steps after which the run is given up."""
     solver: int = AUTOMATIC
+    """One of `solvers.SOLVERS`."""
     sides: bool = True
+    """Whether events keep the values of the columns before and after them: of all, a kilobyte or more each."""
     audits: int = 1
+    """Instants of each step at which Coulomb's law is verified; where it is violated the run ends."""
     names: Collection[str] | None = None
+    """The columns that are wanted; all where None."""
     events_behind: float = -np.inf
+    """Seconds; of the events those behind this instant are wanted."""
     ends: list[float] | None = None
+    """A list that gets the ends of all accepted steps (s), and the instant of a breakdown."""
 
 
 class Integration:
     """A motion of a mechanism from t = 0 with frozen contact modes and located events.
 
-    Begun when this is made, stepped when its run is asked for.
-
-    Parameters
-    ----------
-    q, v : ndarray, shape (3 * bodies,)
-        State at t = 0, on the constraints.
-    output : ndarray
-        Output times, increasing, within [0, t_end].
-    rtol : float
-        Local error per step relative to the mechanism's size (positions; 1 rad for angles) and to its
-        largest speed so far (velocities).
-    options : Options, optional
+    Begun when this is made, stepped when its run is asked for. `q` and `v` (3 * bodies,): the state at t = 0, on the
+    constraints. `output`: times, increasing, within [0, t_end]. `rtol`: local error per step relative to the
+    mechanism's size (positions; 1 rad for angles) and to its largest speed so far (velocities).
     """
 
     def __init__(self, mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
@@ -395,33 +358,7 @@ class Integration:
         self._state.progress["step"] = self._task.first_step
         self._state.attempt["h"] = min(self._task.first_step, self._task.longest)
         self._code = begin(m, self._workspace, self._state, mechanism.largest_load()) if frictional else DONE
-        self._logged: list[tuple[np.ndarray, ...]] = []
-        self._setup_s, self._stepping_s = clock() - started, 0.0
-
-    def step(self) -> None:
-        """Go to `t_end`, or to where it stops, if it has not yet."""
-        if self._logged:
-            return
-        started, m, w, s, output = clock(), self._mechanism.arrays, self._workspace, self._state, self._output
-        n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
-        kept, room = len(output), 256 + nf
-        self._samples = samples = Samples.zeros(t=kept, motion=(kept, 3, n), force=(kept, size), slip=(kept, nf))
-        samples.t[:] = output
-        log = EventLog.zeros(t=room, kind=room, guide=room, others=room, motion=(room, 2, 3, n), force=(room, 2, size),
-                             slip=(room, 2, nf))
-        prepared, code = clock(), self._code
-        while code in (DONE, ROOM):
-            s.progress["fresh"], s.progress["missed"], s.progress["logged"], s.progress["aim"] = 1, 0, 0, np.inf
-            code = _march(m, w, s, self._task, samples, log, self._options.ends)
-            used = int(s.progress["logged"])
-            logged = tuple(part[:used if self._options.sides or i < 4 else 0] for i, part in enumerate(log))
-            if code != ROOM:
-                self._logged.append(logged)
-                break
-            self._logged.append(tuple(part.copy() for part in logged))
-        stepped = clock()
-        self._logged = self._logged or [tuple(part[:0] for part in log)]
-        self._code, self._setup_s, self._stepping_s = code, self._setup_s + prepared - started, stepped - prepared
+        self._setup_s = clock() - started
 
     def forces_at(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Accelerations, event functions and row forces of another state, in the contact mode at the end of the run."""
@@ -436,22 +373,31 @@ class Integration:
         `breakdown` says where and why it stopped early; the columns then end there. One that stops at the start has the
         state there, and accelerations and forces that are nan.
         """
-        self.step()
-        mechanism, w, s, code = self._mechanism, self._workspace, self._state, self._code
-        samples, output = self._samples, self._output
-        n, reached = len(mechanism.arrays.inverse_mass), int(s.progress["next_output"])
+        started, mechanism, options, output = clock(), self._mechanism, self._options, self._output
+        m, w, s = mechanism.arrays, self._workspace, self._state
+        n, progress, room = len(m.inverse_mass), s.progress, 256 + len(m.friction)
+        samples, log = Samples.room(m, len(output)), EventLog.room(m, room, room)
+        samples.t[:] = output
+        logged = [[part[:0] for part in log]]
+        prepared, code = clock(), ROOM if self._code == DONE else self._code
+        while code == ROOM:
+            progress["fresh"], progress["missed"], progress["logged"], progress["aim"] = 1, 0, 0, np.inf
+            code = _march(m, w, s, self._task, samples, log, options.ends)
+            used = int(progress["logged"])
+            logged.append([part[:used if options.sides or i < 4 else 0].copy() for i, part in enumerate(log)])
+        stepped, reached = clock(), int(progress["next_output"])
         if code != DONE and not reached and len(output) and output[0] == 0.0:
             # it stopped at once: the start is known, accelerations and forces are not
             samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = s.y[:n], s.y[n:], np.nan
             samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
-        logged = [np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in zip(*self._logged)]
-        first = np.searchsorted(logged[0], self._options.events_behind, side="right")
+        events_of_run = [np.concatenate(parts) for parts in zip(*logged)]
+        first = np.searchsorted(events_of_run[0], options.events_behind, side="right")
         columns, events = columns_and_events(
-            mechanism, [part[:reached] for part in samples], [part[first:] for part in logged], self._options.names,
-            self._options.sides, self._task.first_step)
-        breakdown = breakdown_of(code, float(s.progress["time"]), mechanism, w, s.slip, s.corner,
-                                 (float(s.progress["speed"]) or 1.0, float(s.progress["force"]) or 1.0))
-        cost = Cost(self._setup_s, 0.0, self._stepping_s, named(w.counters))
+            mechanism, [part[:reached] for part in samples], [part[first:] for part in events_of_run], options.names,
+            options.sides, self._task.first_step)
+        breakdown = breakdown_of(code, float(progress["time"]), mechanism, w, s.slip, s.corner,
+                                 (float(progress["speed"]) or 1.0, float(progress["force"]) or 1.0))
+        cost = Cost(self._setup_s + prepared - started, 0.0, stepped - prepared, named(w.counters))
         return Run(output[:reached], columns, events, cost, breakdown)
 
 

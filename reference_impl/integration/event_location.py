@@ -32,13 +32,11 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.integration.dop853 import dense_at
-from stiction.reference_impl.integration.dop853_coefficients import STAGES, C
+from stiction.reference_impl.compiled.loops import copy, product
+from stiction.reference_impl.integration.dop853 import STAGES, C, dense_at
 from stiction.reference_impl.integration.integration_state import NO_EVENT, NODES, NOISE, State, noise
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 SETTLED = 1e-6
 """Part of the step by which a zero of the dense output may still move when it is taken: what that is wrong by is left
@@ -100,14 +98,9 @@ def _bernstein(x: np.ndarray) -> np.ndarray:
     return np.linalg.inv(binomial * x[:, None] ** k * (1.0 - x[:, None]) ** (n - k))
 
 
-def _predictions() -> np.ndarray:
-    """Return the matrix from values at the AIMS to those of their polynomial at the CHECKS."""
-    aims, checks = _TIMES[list(AIMS)], _TIMES[list(CHECKS)]
-    return np.vander(checks - 1.0, len(AIMS), increasing=True) @ np.linalg.inv(np.vander(aims - 1.0, increasing=True))
-
-
 _STAGES_TO_BERNSTEIN = _bernstein(_TIMES[list(AIMS)])
-_STAGES_TO_CHECKS = _predictions()
+_STAGES_TO_CHECKS = np.vander(_TIMES[list(CHECKS)] - 1.0, len(AIMS), increasing=True) @ _AHEAD
+"""Matrix from values at the AIMS to those of their polynomial at the CHECKS."""
 _NODES_TO_BERNSTEIN = _bernstein(_X)
 _NODES_TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * _X - 1.0, NODES))[-2:]
 """Matrix from values at the nodes to the last two Chebyshev coefficients."""
@@ -177,34 +170,33 @@ def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: f
 
     One that rises from its start is not asked there, one that `falls` not at the end.
     """
-    v0, v1, v2, v3, v4 = before[e], seen[AIMS[1] - 1, e], seen[AIMS[2] - 1,
-                                                               e], seen[AIMS[3] - 1, e], seen[AIMS[4] - 1, e]
-    largest = max(abs(v0), abs(v1), abs(v2), abs(v3), abs(v4))
-    wrong = 0.0
-    for k in range(len(CHECKS)):
-        value = seen[CHECKS[k] - 1, e]
-        P = _STAGES_TO_CHECKS[k]
-        wrong = max(wrong, abs(value - (P[0] * v0 + P[1] * v1 + P[2] * v2 + P[3] * v3 + P[4] * v4)))
+    B, P, v0, b1, b2, b3, b4 = _STAGES_TO_BERNSTEIN, _STAGES_TO_CHECKS, before[e], 0.0, 0.0, 0.0, seen[AIMS[-1] - 1, e]
+    largest, wrong = 0.0, 0.0
+    for j in range(len(AIMS)):
+        value = v0 if j == 0 else seen[AIMS[j] - 1, e]
         largest = max(largest, abs(value))
+        b1 += B[1, j] * value
+        b2 += B[2, j] * value
+        b3 += B[3, j] * value
+    for k in range(len(CHECKS)):
+        value, predicted = seen[CHECKS[k] - 1, e], 0.0
+        for j in range(len(AIMS)):
+            predicted += P[k, j] * (v0 if j == 0 else seen[AIMS[j] - 1, e])
+        largest, wrong = max(largest, abs(value)), max(wrong, abs(value - predicted))
     if largest <= rounding:
         return True
-    B = _STAGES_TO_BERNSTEIN
-    b0, b4 = v0, v4
-    b1 = B[1, 0] * v0 + B[1, 1] * v1 + B[1, 2] * v2 + B[1, 3] * v3 + B[1, 4] * v4
-    b2 = B[2, 0] * v0 + B[2, 1] * v1 + B[2, 2] * v2 + B[2, 3] * v3 + B[2, 4] * v4
-    b3 = B[3, 0] * v0 + B[3, 1] * v1 + B[3, 2] * v2 + B[3, 3] * v3 + B[3, 4] * v4
     begins = v0 >= -CREEP / NOISE * rounding
     if falls:
         # (p - p(1)) / (1 - x), and once more divided by x where it starts from a zero
-        lowest = min(b0 - b4, 4.0 / 3.0 * (b1 - b4), 2.0 * (b2 - b4), 4.0 * (b3 - b4))
+        lowest = min(v0 - b4, 4.0 / 3.0 * (b1 - b4), 2.0 * (b2 - b4), 4.0 * (b3 - b4))
         if begins and v0 <= OWN_ZERO * largest:
             # p = b4 x + x (1 - x) r: positive between its zeros where r is
             lowest = min(4.0 * b1 - b4, 2.0 * b2 - b4, 4.0 / 3.0 * b3 - b4)
             return lowest > 4.0 * SAFETY_AT_ZERO * wrong
         return lowest > SAFETY_AT_ZERO * wrong
-    if begins and min(4.0 * (b1 - b0), 2.0 * (b2 - b0), 4.0 / 3.0 * (b3 - b0), b4 - b0) > SAFETY_AT_ZERO * wrong:
+    if begins and min(4.0 * (b1 - v0), 2.0 * (b2 - v0), 4.0 / 3.0 * (b3 - v0), b4 - v0) > SAFETY_AT_ZERO * wrong:
         return True
-    return min(b0, b1, b2, b3, b4) > SAFETY * wrong
+    return min(v0, b1, b2, b3, b4) > SAFETY * wrong
 
 
 @kernel
@@ -268,8 +260,8 @@ def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
 def _examine(value, e, rounding, starts, finest, bernstein):
     """Verdict on event function e in a part of a step: FREE, UNRESOLVED, or the first node behind its first zero.
 
-    rounding : by which it may be negative.  starts : whether the step starts here, in the right mode.  finest : whether
-    the part must not be divided.
+    `rounding`: by which it may be negative; `starts`: whether the step starts here, in the right mode; `finest`:
+    whether the part must not be divided.
     """
     largest, behind = 0.0, FREE
     for i in range(NODES + 1):
@@ -280,17 +272,10 @@ def _examine(value, e, rounding, starts, finest, bernstein):
         return FREE
     if behind == 1 or finest:
         return behind
-    tail = 0.0
-    for k in range(2):
-        last = 0.0
-        for i in range(NODES + 1):
-            last += _NODES_TO_LAST[k, i] * value[i, e]
-        tail += abs(last)
     left, right = bernstein[0], bernstein[1]
     for k in range(NODES + 1):
-        right[k] = 0.0
-        for i in range(NODES + 1):
-            right[k] += _NODES_TO_BERNSTEIN[k, i] * value[i, e]
+        right[k] = product(_NODES_TO_BERNSTEIN[k], value[:, e])
+    tail = abs(product(_NODES_TO_LAST[0], value[:, e])) + abs(product(_NODES_TO_LAST[1], value[:, e]))
     if behind > 1:
         # no zero before the node in front of the one that is negative
         _split(right, _X[behind - 1], left)
@@ -331,10 +316,7 @@ def _split(b, x, left):
 @kernel
 def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at_low: float,
           at_high: float) -> tuple[float, float]:
-    """Zero of event function e between two fractions of the step, and its slope.
-
-    Inverse interpolation with bisection.
-    """
+    """Zero of event function e between two fractions of the step by inverse interpolation and bisection; its slope."""
     slope = (at_high - at_low) / (high - low)
     if at_low <= 0.0:
         # an event function is zero, give or take rounding, where its own event began the step: if it rises before it
@@ -378,16 +360,16 @@ def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at
 
 
 @kernel
-def go_to_event(m: Arrays, w: Workspace, s: State, h: float, correction: float, error: float, event: int,
+def go_to_event(m: Arrays, w: Workspace, s: State, h: float, correction: float, error: float,
                 first: bool) -> tuple[float, bool]:
-    """Go from the end of a step h to the zero of an event function, by the secant method.
+    """Go from the end of a step h to the zero of the event function of the attempt, by the secant method.
 
     correction : how much longer the step must be; `error`: the part of itself by which that is wrong.  first : there is
     to be no zero of another event function on the way. Returns the step, and whether it ends at the zero; w.event is
     then of its end. If the zero is off by more than a hundredth of the step, then its slope is not believed either; a
     zero through which the function rises is not that event.
     """
-    t, y_new, K = s.progress.time, s.y_new, s.K
+    t, y_new, K, event = s.progress.time, s.y_new, s.K, s.attempt.event
     value = s.seen[STAGES - 1, event]
     for _ in range(CORRECTIONS):
         rises = correction * value < 0.0  # towards the end of a dip, not to its beginning

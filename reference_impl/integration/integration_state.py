@@ -7,12 +7,12 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals, Record, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.integration.dop853 import BY_TIME, combine
-from stiction.reference_impl.integration.dop853_coefficients import EXTRA, STAGES, A, C
+from stiction.reference_impl.integration.dop853 import BY_TIME, EXTRA, STAGES, A, C, combine, error_norm
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.dynamics import largest_force, largest_speed
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.dynamics import largest_force, largest_speed, row_form
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
+from stiction.reference_impl.multibody.singular_positions import (ALWAYS_DEPENDENT, AROUND, NEAR, lengths,
+                                                                  pivots_are_above, singular_rows, smallest)
 
 NODES = 8
 """Degree of the polynomials by which a searched step is represented (`event_location`)."""
@@ -27,142 +27,80 @@ NO_EVENT = -1
 
 
 class Task(Bundle):
-    """Request to an integration.
-
-    Attributes
-    ----------
-    t_end, rtol : float
-    first_step : float
-        Seconds that the first step tries.
-    longest : float
-        Seconds that a step may have; see `event_driven.LONGEST_STEP`.
-    audits : int
-        Instants of each step at which its law is verified.
-    projecting : int
-        1: states are projected onto the constraints after each step.
-    step_limit : int
-        Accepted steps after which it is given up.
-    kinks : (n,)
-        Times at which a law is not smooth, increasing.
-    """
+    """Request to an integration; times in seconds."""
 
     t_end: float
     rtol: float
-    first_step: float
-    longest: float
-    audits: int
-    projecting: int
-    step_limit: int
-    kinks: Reals
+    first_step: float  # the length that it tries
+    longest: float  # what a step may have; see `event_driven.LONGEST_STEP`
+    audits: int  # instants of each step at which its law is verified
+    projecting: int  # 1: states are projected onto the constraints after each step
+    step_limit: int  # accepted steps after which it is given up
+    kinks: Reals  # (n,), increasing: times at which a law is not smooth
 
 
 class Progress(Record):
-    """Record that the integration carries from step to step."""
+    """Record that the integration carries from step to step; times in seconds."""
 
     time: float
-    """s"""
-    step: float
-    """The one proposed next, s"""
-    speed: float
-    """The largest so far, m/s; rounding is judged by it and by `force`"""
-    force: float
-    """The largest so far, N"""
-    gain: float
-    """Friction gain (`uniqueness`) at the last accepted step"""
-    checked: float
-    """Time at which progress was looked at last, s"""
-    aim: float
-    """Time to where an event is expected, s; inf if none is"""
-    aimed: int
-    """Its event function"""
-    missed: int
-    """Times that the present step was shortened for an event"""
-    next_output: int
-    """Place in the output times"""
-    next_kink: int
-    """Place in the times at which a law is not smooth"""
-    idle: int
-    """Events that no time passed between"""
-    logged: int
-    """Events in the log"""
-    fresh: int
-    """1 where the state has changed since y' and the event functions were evaluated"""
+    step: float  # the length proposed next
+    speed: float  # the largest so far, m/s; rounding is judged by it and by `force`
+    force: float  # the largest so far, N
+    gain: float  # friction gain (`uniqueness`) at the last accepted step
+    checked: float  # when progress was looked at last
+    aim: float  # time to where an event is expected; inf if none is
+    aimed: int  # its event function
+    missed: int  # times that the present step was shortened for an event
+    next_output: int  # place in the output times
+    next_kink: int  # place in the times at which a law is not smooth
+    idle: int  # events that no time passed between
+    logged: int  # events in the log
+    fresh: int  # 1 where the state has changed since y' and the event functions were evaluated
 
 
 class Attempt(Record):
-    """Record of the step that is being made; integers without a unit are flags."""
+    """Record of the step that is being made; times in seconds, integers are flags but for `event`."""
 
-    h: float
-    """Its length as attempted, s"""
-    stop: float
-    """Time that it must not pass, s"""
-    resolution: float
-    """Distance of times that can be resolved there, s"""
-    proposal: float
-    """The step after it, s"""
-    length: float
-    """Kept length of it, up to the event, s"""
-    fraction: float
-    """Place of the event in `h`"""
-    gain: float
-    """Friction gain at its end"""
-    counted: float
-    """Fraction at which several motions were counted, where it is `lost`"""
-    event: int
-    """Event function at its end, or NO_EVENT"""
+    h: float  # its length as attempted
+    stop: float  # time that it must not pass
+    resolution: float  # distance of times that can be resolved there
+    proposal: float  # the length of the step after it
+    length: float  # kept length of it, up to the event
+    fraction: float  # place of the event in `h`
+    gain: float  # friction gain at its end
+    counted: float  # fraction at which several motions were counted, where it is `lost`
+    event: int  # event function at its end, or NO_EVENT
     reaches_stop: int
-    aims: int
-    """It aims at an expected event"""
-    has_rows: int
-    """The workspace has the rows of its end"""
-    shorter: int
-    """It is shorter than attempted"""
-    critical: int
-    """The gain is critical"""
-    lost: int
-    """The motion is lost in it"""
+    aims: int  # it aims at an expected event
+    has_rows: int  # the workspace has the rows of its end
+    shorter: int  # it is shorter than attempted
+    critical: int  # the gain is critical
+    lost: int  # the motion is lost in it
 
 
 class State(Bundle):
-    """An integration: its state, and room for a step.
+    """An integration: its state, and room for a step; n is the number of coordinates."""
 
-    Attributes
-    ----------
-    y : (2n,)
-        q and v.  y_old, y_new : before and after a step.  probe, dy, scale : scratch, of the same length.
-    slip, corner : (frictional,), (frictional, 4)
-        The contact mode; see `frozen_mode`.  old_slip, old_corner : before an event.
-    began : (frictional,)
-        When each guide last began to slip (s).  rest_speed : see `mode_choice.choose_mode`.
-    K, F : (STAGES + 1 + EXTRA, 2n), (7, 2n)
-        Derivatives at the stages of a step, and its dense output.  audit_K : as K, of a step that an audit makes.
-    at_start, seen : (3 * frictional,), (STAGES, 3 * frictional)
-        Event functions at the start of a step, and at its stages in the order of times.  audit_seen : as seen.
-    sampled, bernstein : (NODES + 1, 3 * frictional), (2, NODES + 1)
-        See `event_location.first_root`.
-    progress, attempt : Progress and Attempt
-    """
-
-    y: Reals
-    y_old: Reals
-    y_new: Reals
-    probe: Reals
+    y: Reals  # (2n,), q and v
+    y_old: Reals  # before a step
+    y_new: Reals  # after it
+    probe: Reals  # scratch, as dy and scale
     dy: Reals
     scale: Reals
-    slip: Integers
-    corner: IntegerTable
-    old_slip: Integers
+    slip: Integers  # (frictional,), with `corner` the contact mode; see `frozen_mode`
+    corner: IntegerTable  # (frictional, 4)
+    old_slip: Integers  # before an event
     old_corner: IntegerTable
-    began: Reals
-    rest_speed: Reals
-    K: Table
-    F: Table
-    audit_K: Table
-    at_start: Reals
-    seen: Table
-    audit_seen: Table
-    sampled: Table
-    bernstein: Table
+    began: Reals  # (frictional,), when each guide last began to slip, s
+    rest_speed: Reals  # (frictional,); see `mode_choice.choose_mode`
+    K: Table  # (STAGES + 1 + EXTRA, 2n), derivatives at the stages of a step
+    F: Table  # (7, 2n), its dense output
+    audit_K: Table  # as K, of a step that an audit makes
+    at_start: Reals  # (3 * frictional,), event functions at the start of a step
+    seen: Table  # (STAGES, 3 * frictional), those at its stages, in the order of times
+    audit_seen: Table  # as `seen`
+    sampled: Table  # (NODES + 1, 3 * frictional); see `event_location.first_root`
+    bernstein: Table  # (2, NODES + 1)
     progress: Progress
     attempt: Attempt
 
@@ -188,10 +126,7 @@ def noise(s, e):
 
 @kernel
 def remember(m, w, s):
-    """Keep the largest speed and force so far, by which rounding is judged.
-
-    Forces in the unit of a guide's normal row.
-    """
+    """Keep the largest speed and force so far, by which rounding is judged; forces as of a guide's normal row."""
     n, y, p = len(m.inverse_mass), s.y, s.progress
     p.speed = max(p.speed, largest_speed(m, y[n:]))
     largest = largest_force(m, w, w.force) if len(m.friction) else 0.0
@@ -221,3 +156,41 @@ def _stages(m: Arrays, w: Workspace, s: State, t: float, h: float, y: Reals,  # 
         for e in range(len(w.event)):
             seen[BY_TIME[i], e] = w.event[e]
     copy(stage, y_new)
+
+
+@kernel(allocates=True)
+def error_along_motion(m: Arrays, w: Workspace, s: State, error: float, bodies: int) -> float:
+    """Estimated local error of the step (`dop853.error_norm`) without its part along another branch of motion.
+
+    That part is left out where a stage has a singular value of J below NEAR: the directions are those of the stage that
+    has the smallest. The rows of the workspace are those of y_new, before and after.
+    """
+    n, unit, nearest, t, h = len(m.inverse_mass), lengths(m), NEAR, s.progress.time, s.attempt.h
+    if len(m.cell) == 0 and pivots_are_above(m, w, AROUND ** 2):
+        return error  # far cheaper than singular values
+    _, _, values, across = singular_rows(m, w, unit)
+    if not smallest(values) < AROUND:
+        return error
+    first, last = 0, 0
+    for stage in range(1, STAGES + 1):
+        combine(s.K, A[stage], stage, h, s.y, s.probe)
+        row_form(m, w, t + C[stage] * h, s.probe[:n], s.probe[n:])
+        _, _, values, right_of = singular_rows(m, w, unit)
+        if smallest(values) < nearest:
+            nearest, across, first, last = smallest(values), right_of, 0, 0
+            for value in values:
+                first += 1 if value >= NEAR * values[0] else 0
+                last += 1 if value > ALWAYS_DEPENDENT * values[0] else 0
+    row_form(m, w, t + h, s.y_new[:n], s.y_new[n:])
+    if first == last:
+        return error
+    along = s.K.copy()
+    for i in range(STAGES + 1):
+        for half in range(0, 2 * n, n):
+            for k in range(first, last):
+                part = 0.0
+                for c in range(n):
+                    part += across[c, k] * along[i, half + c] / unit[c]
+                for c in range(n):
+                    along[i, half + c] -= unit[c] * across[c, k] * part
+    return error_norm(along, h, s.scale, bodies)

@@ -21,8 +21,7 @@ from stiction.reference_impl.integration.integration_state import AT_ONCE, NO_EV
 from stiction.reference_impl.integration.result import CORNER, REVERSAL, SAME_INSTANT, SLIP, STICK, UNCHANGED, EventLog
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.trajectory_columns import write_sample
 
@@ -156,13 +155,13 @@ def _change_slip(m, w, s, first_step, guide, function, behind):
 def _break_away(m: Arrays, w: Workspace, s: State, guide: int, direction: int) -> None:
     """Let a guide at rest slip, and those at rest without which it cannot: for this instant none of them is at rest."""
     nf = len(m.friction)
-    leaving, firmness, stuck = np.zeros(nf, dtype=np.int64), np.zeros(nf), np.zeros(nf, dtype=np.bool_)
+    leaving, firmness = np.zeros(nf, dtype=np.int64), np.zeros(nf)
     leaving[guide] = direction
     for f in range(nf):
-        firmness[f], stuck[f] = min(w.event[3 * f], w.event[3 * f + 1]), s.slip[f] == 0
-    leave_together(m, w, leaving, firmness, s.slip, stuck)
+        firmness[f] = min(w.event[3 * f], w.event[3 * f + 1])
+    leave_together(m, w, leaving, firmness, s.slip)
     for f in range(nf):
-        if s.old_slip[f] == 0 and not stuck[f]:
+        if s.old_slip[f] == 0 and s.slip[f] != 0:
             s.rest_speed[f] = LEAVES
 
 

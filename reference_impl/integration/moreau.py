@@ -26,31 +26,31 @@ from typing import Annotated
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Cube, Integers, Reals, Record, Table
+from stiction.reference_impl.compiled.bundle import Bundle, Integers, Reals, Record, Table
 from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate_columns
-from stiction.reference_impl.compiled.loops import copy, is_finite
+from stiction.reference_impl.compiled.loops import copy, is_finite, product
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS, DONE, NOT_FINITE, SINGULAR, SOLVED
 from stiction.reference_impl.friction.solvers import named
 from stiction.reference_impl.integration.result import Run, Samples
+from stiction.reference_impl.integration.step_audit import GOLDEN
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import Workspace, _along, direction_at, point_at, workspace
-from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
+from stiction.reference_impl.multibody.kinematics import direction_at, point_at, row_along, workspace
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost
 
-CONTACT = np.dtype([*((name, np.int64) for name in ("guide", "corner", "a", "b")),
-                    *((name, float)
-                      for name in ("ax", "ay", "bx", "by", "ux", "uy", "side", "along", "across", "offset", "mu"))])
-GUIDE = np.dtype([("row", np.int64), ("friction", np.int64), ("corners", np.int64)])
+CONTACT = np.dtype([*((name, np.int64) for name in ("guide", "corner", "row", "friction", "a", "b")),
+                    *((name, float) for name in ("ax", "ay", "bx", "by", "ux", "uy", "side", "along", "across",
+                                                 "offset", "mu"))])
+"""Corner 0 .. 3 (lower rear, lower front, upper front, upper rear) at (ax, ay) of body a, against the guide at (bx, by)
+of body b along (ux, uy); the row of the guide's normal force, and its number among the frictional ones or -1; side 1:
+the lower surface, which pushes along the normal; (along, across): the place seen from the slider's point, by which
+forces turn it, 0 where its angle is held; gap = side * coordinate + offset."""
 AT_REST = 1e-10
 """Slip speed of a loaded contact, relative to the largest speed, that counts as none: Lemke's zeros are rounding."""
-GOLDEN = 0.6180339887498949
-"""Spreads Lemke's covering vector over 1 .. 1.5: the two corners on one surface have one tangential direction, and with
-equal weights their ties led his method to a ray within seconds of the paper's example."""
-Table4 = Annotated[np.ndarray, np.float64, 4]
 
 
 class Work(Record):
@@ -62,22 +62,9 @@ class Work(Record):
 
 
 class Contacts(Bundle):
-    """The unilateral part of a mechanism.
-
-    Attributes
-    ----------
-    contact : ndarray of CONTACT
-        Corner 0 .. 3 (lower rear, lower front, upper front, upper rear) at (ax, ay) of body a, (along, across) its
-        place seen from the slider's point; side 1: the lower surface, which pushes along the normal; gap = side *
-        coordinate + offset.
-    guide : ndarray of GUIDE
-        Row of the normal force, frictional guide or -1, corners: 4, or 2 of a guide without length.
-    bilateral : ndarray of int
-        The constraint rows that stay.
-    """
+    """The unilateral part of a mechanism, and the numbers of the constraint rows that stay."""
 
     contact: Annotated[np.ndarray, CONTACT, 1]
-    guide: Annotated[np.ndarray, GUIDE, 1]
     bilateral: Integers
 
 
@@ -91,69 +78,39 @@ class Task(Bundle):
 
 
 class State(Bundle):
-    """State at the start of a step, and what the step yields.
+    """State at the start of a step, v at its end, counters, and what is kept.
 
-    Attributes
-    ----------
-    q, v, v_new : (3 * bodies,)
-    old : (3 * bodies,)
-        q at the start of the step, which it replaces by that at its end.
-    force : (rows + frictional,)
-        Row forces, N and N m: impulses over dt.
-    corner : (guides, 4, 2)
-        Normal force and friction of each corner, N.
-    slip : (frictional,)
-        Direction, 0 at rest.
-    work : Work
+    `corners`, (samples, guides, 4, 2): normal force and friction of each corner, N, impulses over dt as all forces are.
     """
 
     q: Reals
     v: Reals
     v_new: Reals
-    old: Reals
-    force: Reals
-    corner: Cube
-    slip: Integers
     work: Work
+    samples: Samples
+    corners: Annotated[np.ndarray, np.float64, 4]
 
 
 def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
     """The contacts of all guides, with a clearance in metres between the slider and each surface."""
     m = mechanism.arrays
     contacts: list[tuple[float, ...]] = []
-    guides: list[tuple[int, int, int]] = []
     released: set[int] = set()
-    names = [*mechanism.scene.joints, *mechanism.scene.drives]
-    for k, c in enumerate(m.constraint):
-        if c["kind"] != TRANSLATIONAL:
-            continue
-        joint = mechanism.scene.guides[names[k]]
-        half_a, half_b = 0.5 * (joint.length or 0.0), 0.5 * (joint.width or 0.0)
+    constraints = dict(zip([*mechanism.scene.joints, *mechanism.scene.drives], m.constraint))
+    for number, (name, joint) in enumerate(mechanism.scene.guides.items()):
+        c, half_a, half_b = constraints[name], 0.5 * (joint.length or 0.0), 0.5 * (joint.width or 0.0)
         released.update({c["row"], c["row"] + 1} if half_a else {c["row"]})
         places = [(-half_a, 1), (half_a, 1), (half_a, -1), (-half_a, -1)] if half_a else [(0.0, 1), (0.0, -1)]
         cos, sin = np.cos(c["offset"]), np.sin(c["offset"])
         ux, uy = cos * c["ux"] + sin * c["uy"], cos * c["uy"] - sin * c["ux"]  # the direction in the slider's axes
         for corner, (along, side) in enumerate(places):
             across = -side * half_b
-            contacts.append((len(guides), corner, c["a"], c["b"], c["ax"] + along * ux - across * uy,
-                             c["ay"] + along * uy + across * ux, c["bx"], c["by"], c["ux"], c["uy"], side, along,
-                             across,
-                             half_b + clearance, joint.mu or 0.0))
-        guides.append((c["row"], c["friction"], len(places)))
+            contacts.append((number, corner, c["row"], c["friction"], c["a"], c["b"],
+                             c["ax"] + along * ux - across * uy, c["ay"] + along * uy + across * ux, c["bx"], c["by"],
+                             c["ux"], c["uy"], side, along, across if half_a else 0.0, half_b + clearance,
+                             joint.mu or 0.0))
     kept = [row for row in range(m.rows) if row not in released]
-    return Contacts(np.array(contacts, dtype=CONTACT), np.array(guides, dtype=GUIDE), np.array(kept, dtype=np.int64))
-
-
-@kernel
-def _gap(m, w, q, v, contact, rows):
-    """The gap of a contact; its normal and tangential row of six coefficients into rows."""
-    rax, ray, xa, ya, _, _, _, _ = point_at(w.rotation, q, v, contact.a, contact.ax, contact.ay)
-    rbx, rby, xb, yb, _, _, _, _ = point_at(w.rotation, q, v, contact.b, contact.bx, contact.by)
-    ux, uy, _ = direction_at(w.rotation, v, contact.b, contact.ux, contact.uy)
-    dx, dy, arms = xa - xb, ya - yb, (rax, ray, rbx, rby)
-    _along(rows, 0, -contact.side * uy, contact.side * ux, arms, dx, dy)
-    _along(rows, 1, ux, uy, arms, dx, dy)
-    return contact.side * (ux * dy - uy * dx) + contact.offset
+    return Contacts(np.array(contacts, dtype=CONTACT), np.array(kept, dtype=np.int64))
 
 
 @kernel(allocates=True)
@@ -161,7 +118,14 @@ def _active_rows(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals
     """Numbers of the closed contacts, and their rows: normals, then tangents, (2 * closed, 3 * bodies)."""
     rows, closed, n = np.zeros((len(contacts.contact), 12)), np.zeros(len(contacts.contact), dtype=np.int64), 0
     for k in range(len(contacts.contact)):
-        if _gap(m, w, q, v, contacts.contact[k], rows[k]) <= 0.0:
+        contact = contacts.contact[k]
+        rax, ray, xa, ya, _, _, _, _ = point_at(w.rotation, q, v, contact.a, contact.ax, contact.ay)
+        rbx, rby, xb, yb, _, _, _, _ = point_at(w.rotation, q, v, contact.b, contact.bx, contact.by)
+        ux, uy, _ = direction_at(w.rotation, v, contact.b, contact.ux, contact.uy)
+        dx, dy, arms = xa - xb, ya - yb, (rax, ray, rbx, rby)
+        if contact.side * (ux * dy - uy * dx) + contact.offset <= 0.0:
+            row_along(rows[k], 0, -contact.side * uy, contact.side * ux, arms, dx, dy)
+            row_along(rows[k], 1, ux, uy, arms, dx, dy)
             closed[n] = k
             n += 1
     W = np.zeros((2 * n, len(q)))
@@ -178,10 +142,9 @@ def _active_rows(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals
 
 @kernel(allocates=True)
 def _bilateral(m: Arrays, w: Workspace, contacts: Contacts, W: Table, dt: float) -> tuple[Table, Table]:
-    """J (rows, 3 * bodies) of the bilateral rows, their right side, and the answer to it and to contact impulses.
+    """J (rows, 3 * bodies) of the bilateral rows, and their answer X (rows, 1 + contacts) to contact impulses P_c.
 
-    The last: X (rows, 1 + contacts), with impulses P = X[:, 0] - X[:, 1:] P_c; without rows if they cannot be solved
-    for.
+    Their own impulses are X[:, 0] - X[:, 1:] P_c; X has no rows if they cannot be solved for.
     """
     kept = contacts.bilateral
     n, place = len(kept), np.zeros(len(w.G), dtype=np.int64)
@@ -245,7 +208,7 @@ def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int
         size = max(size, D[i, i])
     A, b, cover = np.zeros((4 * n, 4 * n)), np.zeros(4 * n), np.zeros(4 * n)
     for i in range(4 * n):
-        cover[i] = 1.0 + 0.5 * (GOLDEN * (i + 1) % 1.0)
+        cover[i] = 1.0 + 0.5 * (GOLDEN * (i + 1) % 1.0)  # the two corners on one surface have one tangent: no ties
     for i in range(n):
         for j in range(n):
             N, NT, TN, T = D[i, j] / size, D[i, n + j] / size, D[n + i, j] / size, D[n + i, n + j] / size
@@ -262,12 +225,9 @@ def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int
 
 
 @kernel(allocates=True)
-def _step(m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, t: float) -> int:
-    """One step from (t, q, v): q becomes q+, v+ goes to v_new, impulses over dt to force and corner.
-
-    Returns the outcome.
-    """
-    dt, q, v, v_new = task.dt, s.q, s.v, s.v_new
+def _step(m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, t: float, row: int) -> int:
+    """One step from (t, q, v): q becomes q+, v+ goes to v_new, forces to a row of the samples; returns the outcome."""
+    dt, q, v, v_new, force = task.dt, s.q, s.v, s.v_new, s.samples.force[row]
     for k in range(len(q)):
         q[k] += 0.5 * dt * v[k]
     row_form(m, w, t + 0.5 * dt, q, v)
@@ -298,88 +258,69 @@ def _step(m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, t: 
             for i in range(2 * n):
                 impulse += W[i, k] * P[i]
             for r in range(len(J)):
-                impulse -= J[r, k] * _answer(X, r, P)
+                impulse -= J[r, k] * product(X[r, 1:], P)
             v_new[k] += m.inverse_mass[k] * impulse
     s.work.contacts += n
-    for r in range(len(s.force)):
-        s.force[r] = 0.0
+    for r in range(len(force)):
+        force[r] = 0.0
     for i in range(len(contacts.bilateral)):
-        s.force[contacts.bilateral[i]] = (X[i, 0] - _answer(X, i, P)) / dt
-    _reactions(m, w, contacts, s, dt, closed, W, P)
+        force[contacts.bilateral[i]] = (X[i, 0] - product(X[i, 1:], P)) / dt
+    for i in range(2 * n):
+        P[i] /= dt
+    _reactions(m, w, contacts, s, closed, W, P, row)
     for k in range(len(q)):
         q[k] += 0.5 * dt * v_new[k]
     return SOLVED
 
 
-@kernel
-def _answer(X, r, P):
-    """Answer of a bilateral row to the contact impulses P."""
-    total = 0.0
-    for i in range(len(P)):
-        total += X[r, 1 + i] * P[i]
-    return total
-
-
 @kernel(allocates=True)
-def _reactions(m: Arrays, w: Workspace, contacts: Contacts, s: State, dt: float, closed: Integers, W: Table,
-               P: Reals) -> None:
-    """Forces of the guides' rows and corners, and directions of slip, from the impulses of the closed contacts."""
-    n, speed, heaviest = len(closed), 0.0, np.zeros(len(contacts.guide))
-    v_new, force, corner, slip = s.v_new, s.force, s.corner, s.slip
+def _reactions(m, w, contacts, s, closed, W, P, row):
+    """Forces of the guides' rows and corners, and directions of slip, from the forces P of the closed contacts."""
+    v_new, force, slip, corner = s.v_new, s.samples.force[row], s.samples.slip[row], s.corners[row]
+    n, speed, heaviest = len(closed), 0.0, np.zeros(len(corner))
     for k in range(len(v_new)):
         speed = max(speed, abs(v_new[k]))
-    for g in range(len(contacts.guide)):
-        for k in range(corner.shape[1]):
+    for g in range(len(corner)):
+        for k in range(4):
             corner[g, k, 0], corner[g, k, 1] = 0.0, 0.0
-        f = contacts.guide[g].friction
-        if f >= 0:
-            slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
+    for f in range(len(slip)):
+        slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
     for i in range(n):
-        contact = contacts.contact[closed[i]]
-        g, normal, friction = contact.guide, P[i] / dt, P[n + i] / dt
-        guide = contacts.guide[g]
-        corner[g, contact.corner, 0], corner[g, contact.corner, 1] = normal, friction
-        force[guide.row] += contact.side * normal
-        if guide.corners == 4:
-            force[guide.row + 1] += contact.along * contact.side * normal - contact.across * friction
-        if guide.friction < 0:
+        contact, normal, friction = contacts.contact[closed[i]], P[i], P[n + i]
+        corner[contact.guide, contact.corner, 0], corner[contact.guide, contact.corner, 1] = normal, friction
+        force[contact.row] += contact.side * normal
+        force[contact.row + 1] += contact.along * contact.side * normal - contact.across * friction
+        if contact.friction < 0:
             continue
-        force[m.rows + guide.friction] += friction
-        if normal > heaviest[g]:
-            heaviest[g] = normal
-            velocity = 0.0
-            for k in range(len(v_new)):
-                velocity += W[n + i, k] * v_new[k]
-            slip[guide.friction] = 0 if abs(velocity) <= AT_REST * speed else 1 if velocity > 0.0 else -1
+        force[m.rows + contact.friction] += friction
+        if normal > heaviest[contact.guide]:
+            heaviest[contact.guide] = normal
+            velocity = product(W[n + i], v_new)
+            slip[contact.friction] = 0 if abs(velocity) <= AT_REST * speed else 1 if velocity > 0.0 else -1
 
 
 @kernel
-def march(m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, samples: Samples,
-          corners: Table4) -> tuple[int, int, float]:
+def march(m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task) -> tuple[int, int, float]:
     """March through the steps; returns outcome, samples and time reached.
 
-    A sample holds the state at its instant and the impulses of the step that begins there.
+    A sample holds the state at its instant and the impulses of the step that begins there. Every step writes one; those
+    that are not kept are overwritten by the next, so that there must be room for one more.
     """
     written = 0
     for step in range(task.steps + 1):
-        copy(s.q, s.old)
-        outcome = _step(m, w, contacts, s, task, step * task.dt)
+        motion = s.samples.motion[written]
+        copy(s.q, motion[0])
+        copy(s.v, motion[1])
+        outcome = _step(m, w, contacts, s, task, step * task.dt, written)
+        if outcome == SOLVED and not is_finite(s.v_new):
+            outcome = NOT_FINITE
         if outcome != SOLVED:
             return outcome, written, step * task.dt
-        if not is_finite(s.v_new):
-            return NOT_FINITE, written, step * task.dt
-        if step % task.every == 0:
-            for k in range(len(s.v)):
-                motion = samples.motion[written]
-                motion[0, k], motion[1, k], motion[2, k] = s.old[k], s.v[k], (s.v_new[k] - s.v[k]) / task.dt
-            copy(s.force, samples.force[written])
-            copy(s.slip, samples.slip[written])
-            for g in range(len(s.corner)):
-                for k in range(s.corner.shape[1]):
-                    corners[written, g, k, 0], corners[written, g, k, 1] = s.corner[g, k, 0], s.corner[g, k, 1]
-            written += 1
+        for k in range(len(s.v)):
+            motion[2, k] = (s.v_new[k] - s.v[k]) / task.dt
         copy(s.v_new, s.v)
         s.work.steps += 1
+        written += 1 if step % task.every == 0 else 0
     return DONE, written, task.steps * task.dt
 
 
@@ -387,43 +328,30 @@ def simulate_moreau(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: floa
                     clearance: float, restitution: float) -> Run:
     """March a mechanism from t = 0 with clearance in its guides.
 
-    Parameters
-    ----------
-    q, v : ndarray, shape (3 * bodies,)
-        State at t = 0, on the constraints: every slider in the middle of its guide.
-    dt : float
-        Step (s); `steps` of them, every `every`-th instant is kept.
-    clearance : float
-        Gap (m) between a slider in the middle and each surface, > 0: opposite corners without any would press each
-        other.
-    restitution : float
-        Newton's coefficient, 0 .. 1.
+    `q` and `v` (3 * bodies,): the state there, on the constraints, every slider in the middle of its guide. `dt`: the
+    step (s); of `steps` every `every`-th instant is kept. `clearance`: gap (m) between a slider in the middle and each
+    surface, > 0: opposite corners without any would press each other. `restitution`: Newton's coefficient, 0 .. 1.
 
-    Returns
-    -------
-    Run
-        Columns as of the other methods; corner forces are impulses over dt, ``drift`` includes the motion within the
-        clearance.
+    Columns are as of the other methods; corner forces are impulses over dt, ``drift`` includes the motion within the
+    clearance.
     """
     started = clock()
     m, w, contacts = mechanism.arrays, workspace(mechanism.arrays), contacts_of(mechanism, clearance)
-    n, nf, guides, kept = len(m.inverse_mass), len(m.friction), len(contacts.guide), steps // every + 1
-    size = m.rows + nf
-    samples = Samples.zeros(t=kept, motion=(kept, 3, n), force=(kept, size), slip=(kept, nf))
-    state = State.zeros(q=n, v=n, v_new=n, old=n, force=size, corner=(guides, 4, 2), slip=nf, work=())
-    state.q[:], state.v[:], corners = q, v, np.zeros((kept, guides, 4, 2))
-    prepared = clock()
-    code, written, reached = march(m, w, contacts, state, Task(dt, steps, every, restitution), samples, corners)
+    kept, n, guides = steps // every + 2, len(q), mechanism.scene.guides
+    samples = Samples.room(m, kept)
+    state = State.zeros(q=n, v=n, v_new=n, work=(), samples=samples, corners=(kept, len(guides), 4, 2))
+    state.q[:], state.v[:] = q, v
+    task, prepared = Task(dt, steps, every, restitution), clock()
+    code, written, reached = march(m, w, contacts, state, task)
     stepped = clock()
-    t, motion, corners = np.arange(written) * (every * dt), samples.motion[:written], corners[:written]
+    t, motion, corners = np.arange(written) * (every * dt), samples.motion[:written], state.corners[:written]
     columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], samples.force[:written],
                             samples.slip[:written])
-    for i, (name, guide) in enumerate(mechanism.scene.guides.items()):
+    for i, (name, guide) in enumerate(guides.items()):
         if guide.length is not None:
             columns |= {f"{name}.F{k + 1}": corners[:, i, k, 0] for k in range(4)}
         if guide.length is not None and guide.frictional:
             columns |= {f"{name}.friction_lower": corners[:, i, :2, 1].sum(axis=1),
                         f"{name}.friction_upper": corners[:, i, 2:, 1].sum(axis=1)}
     breakdown = None if code == DONE else Breakdown(BREAKDOWNS[code][0], float(reached), BREAKDOWNS[code][1])
-    work = named(state.work)
-    return Run(t, columns, (), Cost(prepared - started, 0.0, stepped - prepared, work), breakdown)
+    return Run(t, columns, (), Cost(prepared - started, 0.0, stepped - prepared, named(state.work)), breakdown)

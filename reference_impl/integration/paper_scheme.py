@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Flags, Integers, IntegerTable, Reals
+from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.contact_solvers import solve_contact
@@ -19,15 +19,14 @@ from stiction.reference_impl.friction.frozen_mode import solve_mode
 from stiction.reference_impl.friction.mode_choice import HOLDS, LEAVES, choose_mode
 from stiction.reference_impl.friction.outcomes import CHATTER, DONE, NOT_FINITE, SOLVED
 from stiction.reference_impl.friction.solvers import AUTOMATIC, named
-from stiction.reference_impl.integration.result import (EVENT_KINDS, REVERSAL, SLIP, STICK, EventLog, Run, Samples,
-                                                        breakdown_of)
+from stiction.reference_impl.integration.result import (REVERSAL, SLIP, STICK, EventLog, Run, Samples, breakdown_of,
+                                                        columns_and_events)
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace, workspace
-from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Mechanism
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Mechanism, Workspace
 from stiction.reference_impl.multibody.projection import project
-from stiction.reference_impl.multibody.trajectory_columns import build_columns, write_sample
-from stiction.scenes import Cost, Event
-from stiction.scenes.trajectory import rows_of
+from stiction.reference_impl.multibody.trajectory_columns import write_sample
+from stiction.scenes import Cost
 
 RK_NODES = np.array([0.0, 0.5, 0.5, 1.0])
 RK_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
@@ -48,42 +47,28 @@ class Steps(Bundle):
 
 
 class State(Bundle):
-    """State and contact mode at the start of a step, and scratch.
+    """State and contact mode at the start of a step, and scratch."""
 
-    Attributes
-    ----------
-    y, y_new, stage, dy : (6 * bodies,)
-    slip, old_slip : (frictional,)
-        Directions of slip, 0 at rest, now and in the step before; `stuck` and `rested`: at rest.
-    corner : (frictional, 2)
-        Signs of the corner forces.
-    rest_speed, start_speed : (frictional,)
-        Slip speed up to which a guide comes to rest (`choose_mode`), and that at the start of the step, m/s.
-    """
-
-    y: Reals
+    y: Reals  # (6 * bodies,), as y_new, stage and dy
     y_new: Reals
     stage: Reals
     dy: Reals
-    slip: Integers
-    old_slip: Integers
-    stuck: Flags
-    rested: Flags
-    corner: IntegerTable
-    rest_speed: Reals
-    start_speed: Reals
+    slip: Integers  # (frictional,), directions of slip, 0 at rest
+    old_slip: Integers  # in the step before
+    corner: IntegerTable  # (frictional, 2), signs of the corner forces
+    rest_speed: Reals  # (frictional,), slip speed up to which a guide comes to rest (`choose_mode`), m/s
+    start_speed: Reals  # (frictional,), slip speed at the start of the step, m/s
 
 
 @kernel(allocates=True)
-def _evaluate(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, stuck: Flags, corner: IntegerTable,
-              dy: Reals) -> int:
+def _evaluate(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals) -> int:
     """y' into dy by the contact solver, without friction by a linear solve; returns the solver's outcome."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
     w.counters.rhs += 1
     outcome = SOLVED
     if len(m.friction):
-        outcome, _ = solve_contact(m, w, slip, stuck, corner, np.empty(len(m.friction)))
+        outcome, _ = solve_contact(m, w, slip, corner, np.empty(len(m.friction)))
     else:
         solve_mode(m, w, slip, corner)
     for i in range(n):
@@ -99,7 +84,7 @@ def _runge_kutta(m: Arrays, w: Workspace, s: State, t: float, h: float) -> int:
     for k in range(4):
         for i in range(len(s.y)):
             s.stage[i] = s.y[i] + RK_NODES[k] * h * s.dy[i] if k > 0 else s.y[i]
-        outcome = _evaluate(m, w, t + RK_NODES[k] * h, s.stage, s.slip, s.stuck, s.corner, s.dy)
+        outcome = _evaluate(m, w, t + RK_NODES[k] * h, s.stage, s.slip, s.corner, s.dy)
         if outcome != SOLVED:
             return outcome
         for i in range(len(s.y)):
@@ -112,8 +97,8 @@ def march(m: Arrays, w: Workspace, beside: Workspace, s: State, task: Steps, sam
           log: EventLog) -> tuple[int, int, int, float]:
     """March through the steps; returns code, samples, events and time reached.
 
-    beside : a workspace for what is evaluated for the record alone, and is not counted.
-    log : its sides without rows if they are not wanted.
+    `beside`: a workspace for what is evaluated for the record alone, and is not counted. `log`: its sides without rows
+    if they are not wanted.
     """
     n, nf, y, slip, written, events = len(m.inverse_mass), len(m.friction), s.y, s.slip, 0, 0
     for step in range(task.steps + 1):
@@ -134,7 +119,7 @@ def march(m: Arrays, w: Workspace, beside: Workspace, s: State, task: Steps, sam
                 if outcome != SOLVED:
                     return outcome, written, began, t
             if partial == 0 and step % task.every == 0:
-                outcome = _evaluate(m, w, t, y, slip, s.stuck, s.corner, s.dy)
+                outcome = _evaluate(m, w, t, y, slip, s.corner, s.dy)
                 if outcome != SOLVED:
                     return outcome, written, events, t
                 write_sample(w, y, s.dy, slip, samples.motion[written], samples.force[written], samples.slip[written])
@@ -167,17 +152,13 @@ def march(m: Arrays, w: Workspace, beside: Workspace, s: State, task: Steps, sam
 
 @kernel
 def _log_changes(s, log, t, events, began):
-    """Take over the mode that was chosen, and log the guides whose mode it changes.
-
-    Returns the number of events so far.
-    """
+    """Take over the mode that was chosen, and log the guides whose mode it changes; returns the events so far."""
     for f in range(len(s.slip)):
-        s.stuck[f], s.rested[f] = s.slip[f] == 0, s.old_slip[f] == 0
         if began and s.slip[f] != s.old_slip[f] and events < len(log.t):
             kind = SLIP if s.old_slip[f] == 0 else STICK if s.slip[f] == 0 else REVERSAL
             log.t[events], log.kind[events], log.guide[events] = t, kind, f
             events += 1
-        s.rest_speed[f] = HOLDS if s.stuck[f] else LEAVES
+        s.rest_speed[f] = HOLDS if s.slip[f] == 0 else LEAVES
     return events
 
 
@@ -185,8 +166,8 @@ def _log_changes(s, log, t, events, began):
 def _log_sides(m, beside, s, log, t, began, events):
     """Log the values before and after the events of an instant; returns the solver's outcome."""
     for side in range(2):  # the mode that follows last: it leaves its corners' signs
-        mode, stuck = (s.slip, s.stuck) if side else (s.old_slip, s.rested)
-        outcome = _evaluate(m, beside, t, s.y, mode, stuck, s.corner, s.dy)
+        mode = s.slip if side else s.old_slip
+        outcome = _evaluate(m, beside, t, s.y, mode, s.corner, s.dy)
         if outcome != SOLVED:
             return outcome
         for i in range(began, events):
@@ -209,7 +190,7 @@ def _step_to_rest(m: Arrays, w: Workspace, s: State, t: float, rest: float) -> t
     row_form(m, w, t + h, y_new[:n], y_new[n:])
     for f in range(len(m.friction)):
         begin, end = slip[f] * s.start_speed[f], slip[f] * w.slip_speed[f]
-        if not s.stuck[f] and end < 0.0:
+        if slip[f] != 0 and end < 0.0:
             x = begin / (begin - end) if begin > 0.0 else 0.5
             if first == NO_GUIDE or x < fraction:
                 first, fraction = f, x
@@ -239,52 +220,27 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
                       solver: int = AUTOMATIC, sides: bool = True) -> Run:
     """March a mechanism from t = 0 as the paper does.
 
-    Parameters
-    ----------
-    q, v : ndarray, shape (3 * bodies,)
-        State at t = 0, on the constraints.
-    dt : float
-        Step (s); `steps` of them, every `every`-th instant is kept.
-    solver : int
-        One of `solvers.SOLVERS`.
-    sides : bool
-        Whether events carry the values before and after them, which takes two evaluations each, beyond those that are
-        counted.
+    `q` and `v` (3 * bodies,): the state there, on the constraints. `dt`: the step (s); of `steps` every `every`-th
+    instant is kept. `solver`: one of `solvers.SOLVERS`. `sides`: whether events carry the values before and after them,
+    which takes two evaluations each, beyond those that are counted.
 
-    Returns
-    -------
-    Run
-        Events carry their time, kind and guide, and the values at that instant with the modes before and after it: a
-        guide that breaks away is late by up to one step, so that before it has the acceleration, O(dt), with which it
-        leaves the stick set; `breakdown` says where and why the scheme stopped early; the columns then end there.
+    The values of an event are those at its instant with the modes before and after it: a guide that breaks away is late
+    by up to one step, so that before it has the acceleration, O(dt), with which it leaves the stick set. `breakdown`
+    says where and why the scheme stopped early; the columns then end there.
     """
     started = clock()
     m, w = mechanism.arrays, workspace(mechanism.arrays, solver)
-
-    n, nf, size = len(m.inverse_mass), len(m.friction), m.rows + len(m.friction)
-
-    def columns(t: np.ndarray, motion: np.ndarray, force: np.ndarray, slip: np.ndarray) -> dict[str, np.ndarray]:
-        q, v, a = (motion[:len(t), i] for i in range(3))
-        return build_columns(mechanism, t, q, v, a, force[:len(t)], slip[:len(t)])
-
-    kept, room, sided = steps // every + 1, MOST_EVENTS, MOST_EVENTS if sides else 0
-    samples = Samples.zeros(t=kept, motion=(kept, 3, n), force=(kept, size), slip=(kept, nf))
-    log = EventLog.zeros(t=room, kind=room, guide=room, others=room, motion=(sided, 2, 3, n), force=(sided, 2, size),
-                         slip=(sided, 2, nf))
-    state = State.zeros(y=2 * n, y_new=2 * n, stage=2 * n, dy=2 * n, slip=nf, old_slip=nf, stuck=nf, rested=nf,
+    n, nf = len(q), len(m.friction)
+    samples, log = Samples.room(m, steps // every + 1), EventLog.room(m, MOST_EVENTS, MOST_EVENTS if sides else 0)
+    samples.t[:] = np.arange(len(samples.t)) * (every * dt)
+    state = State.zeros(y=2 * n, y_new=2 * n, stage=2 * n, dy=2 * n, slip=nf, old_slip=nf,
                         corner=(nf, 2), rest_speed=nf, start_speed=nf)
     state.y[:], state.corner[:] = np.concatenate([q, v]), 1
-    prepared = clock()
-    task = Steps(dt, steps, every, int(mechanism.projection))
+    task, prepared = Steps(dt, steps, every, int(mechanism.projection)), clock()
     code, written, events, reached = march(m, w, workspace(m, solver), state, task, samples, log)
     stepped = clock()
-    t = np.arange(written) * (every * dt)
-    values: list[dict[str, float]] = [{} for _ in range(2 * events)]
-    if sides and events:
-        values = rows_of(columns(np.repeat(log.t[:events], 2), log.motion.reshape(-1, 3, n),
-                                 log.force.reshape(-1, size), log.slip.reshape(-1, nf)))
-    found = tuple(Event(float(log.t[i]), EVENT_KINDS[log.kind[i]], mechanism.guide_names[log.guide[i]],
-                        values[2 * i], values[2 * i + 1]) for i in range(events))
-    return Run(t, columns(t, samples.motion, samples.force, samples.slip), found,
+    columns, found = columns_and_events(mechanism, [part[:written] for part in samples],
+                                        [part[:events] for part in log], None, sides, dt)
+    return Run(samples.t[:written], columns, found,
                Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)),
                breakdown_of(code, reached, mechanism, w, state.slip, state.corner))

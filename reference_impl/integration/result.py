@@ -14,8 +14,8 @@ from stiction.reference_impl.friction.frozen_mode import margin
 from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, DONE, JAM, MODE_LIMIT, NONE, PIVOT_LIMIT, RAY,
                                                        SEVERAL, SIGN_CYCLE, SINGULAR)
 from stiction.reference_impl.friction.trial_and_error import trial_and_error
-from stiction.reference_impl.friction.uniqueness import COUNTED, gain_of_mode, number_of_solutions
-from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Mechanism
+from stiction.reference_impl.friction.uniqueness import gain_of_mode, number_of_solutions
+from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost, Event
 from stiction.scenes.trajectory import rows_of
@@ -37,6 +37,12 @@ class Samples(Bundle):
     force: Table
     slip: IntegerTable
 
+    @classmethod
+    def room(cls, m: Arrays, count: int) -> Samples:
+        """Room for so many samples."""
+        n, nf = len(m.inverse_mass), len(m.friction)
+        return cls.zeros(t=count, motion=(count, 3, n), force=(count, m.rows + nf), slip=(count, nf))
+
 
 class EventLog(Bundle):
     """Events: time, kind, frictional guide, other consistent modes, and two-sided samples (n, 2, ...)."""
@@ -48,6 +54,13 @@ class EventLog(Bundle):
     motion: Annotated[np.ndarray, np.float64, 4]
     force: Cube
     slip: Annotated[np.ndarray, np.int64, 3]
+
+    @classmethod
+    def room(cls, m: Arrays, count: int, sided: int) -> EventLog:
+        """Room for so many events, and for the samples of so many."""
+        n, nf = len(m.inverse_mass), len(m.friction)
+        return cls.zeros(t=count, kind=count, guide=count, others=count, motion=(sided, 2, 3, n),
+                         force=(sided, 2, m.rows + nf), slip=(sided, 2, nf))
 
 
 @dataclass(frozen=True)
@@ -67,20 +80,10 @@ class Run:
 
 def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarray, corner: np.ndarray,
                  scales: tuple[float, float] = (1.0, 1.0)) -> Breakdown | None:
-    """The typed end of a run, from what its kernel left behind at the instant where it failed.
+    """The typed end of a run, from what its kernel left behind where it failed; None at the end of its time.
 
-    None at the end of its time.
-
-    Parameters
-    ----------
-    code : int
-        One of `outcomes`.
-    w : Workspace
-        Holding the rows of that instant.
-    slip, corner : ndarray of int
-        The contact mode assumed there.
-    scales : tuple of float
-        Largest speed (m/s) and force (N), by which an audit measures.
+    `code`: one of `outcomes`. `w`: a workspace with the rows of that instant. `slip` and `corner`: the contact mode
+    assumed there. `scales`: largest speed (m/s) and force (N), by which an audit measures.
     """
     if code == DONE:
         return None
@@ -89,7 +92,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT):
         _, guide = gain_of_mode(m, w, slip)
     if code == SIGN_CYCLE:
-        _, _, guide = trial_and_error(m, w, slip, slip == 0, corner, np.zeros(len(w.force)), np.zeros_like(slip))
+        _, _, guide = trial_and_error(m, w, slip, corner, np.zeros(len(w.force)), np.zeros_like(slip))
     if code == AUDIT:
         guide = int(np.argmin([min(np.divide(margin(m, w, slip, f), scales)) for f in range(len(m.friction))]))
     if code == JAM:
@@ -97,23 +100,17 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     if code == NONE:
         found = 0
     if code == SEVERAL:
-        found = number_of_solutions(mechanism, w, slip, COUNTED)
+        found = number_of_solutions(m, w, slip)
     return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide != NO_GUIDE else "", found)
 
 
-def columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray],
-                       log: Sequence[np.ndarray], names: Collection[str] | None, sides: bool,
+def columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray],
+                       names: Collection[str] | None, sides: bool,
                        first_step: float) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
     """Return columns of the samples, and the events, with the same on both of their `sides` if these are wanted.
 
-    Parameters
-    ----------
-    samples, log : sequence of ndarray
-        Those of `Samples` and `EventLog`.
-    names : Collection of str or None
-        The columns that are wanted; all where None.
-    first_step : float
-        The least time (s) that SAME_INSTANT is taken of.
+    `samples` and `log`: the arrays of `Samples` and `EventLog`. `names`: the columns that are wanted; all where None.
+    `first_step`: the least time (s) that SAME_INSTANT is taken of.
     """
     def build(t: np.ndarray, motion: np.ndarray, force: np.ndarray, slip: np.ndarray) -> dict[str, np.ndarray]:
         return build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)

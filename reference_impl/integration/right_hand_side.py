@@ -16,8 +16,7 @@ from stiction.reference_impl.friction.outcomes import SOLVED
 from stiction.reference_impl.friction.uniqueness import COUNTED
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_acceleration, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 HELD = 1e-9
 """Acceleration of a guide at rest, relative to what the largest force would give it, from which on it is not held: what
@@ -53,42 +52,35 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
     `event_location` guarantees does not hold for such guides. Returns False where the HLCP has no solution, or none is
     found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
     """
-    stuck, admissible, held = np.zeros(len(m.friction), dtype=np.bool_), True, True
+    admissible, held = True, True
     for f in range(len(m.friction)):
-        stuck[f] = slip[f] == 0
-        if stuck[f]:
+        if slip[f] == 0:
             R, T, friction = w.force[m.friction[f].row], w.force[m.friction[f].row + 1], w.force[m.rows + f]
             w.event[3 * f] = capacity(m, f, R, T, 1.0) + friction
             w.event[3 * f + 1] = capacity(m, f, R, T, -1.0) - friction
             admissible = admissible and w.event[3 * f] >= 0.0 and w.event[3 * f + 1] >= 0.0
-            acceleration, rounding = _residual_acceleration(m, w, f)
+            t = m.rows + f
+            acceleration = row_acceleration(w, t, w.force)
+            rounding = HELD * max(abs(w.right[t]), largest_force(m, w, w.force) * sqrt(w.G[t, t]))
             if not abs(acceleration) <= rounding:
                 w.event[3 * f + (0 if acceleration > 0.0 else 1)] = -abs(acceleration)
                 held = False
     if admissible or not held:
         return True
     w.counters.hlcp += 1
-    force, y, x, outcome, rest = hlcp.solve(m, w, slip, stuck, COUNTED)
+    force, y, x, outcome, rest = hlcp.solve(m, w, slip, COUNTED)
     accelerate, signs, fastest = np.zeros(len(m.friction)), np.zeros((len(m.friction), 2), dtype=np.int64), 0.0
     if outcome == SOLVED:
-        hlcp.read(m, stuck, y, x, accelerate, signs)
-        hlcp.correct_accelerations(m, w, force, accelerate)
+        hlcp.read(m, w, slip, force, y, x, accelerate, signs)
         for f in range(len(m.friction)):
             fastest = max(fastest, abs(accelerate[f]))
         if fastest <= rest:
             copy(force, w.force)
     for f in range(len(m.friction)):
-        if stuck[f]:
+        if slip[f] == 0:
             w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0
             if accelerate[f] > rest:
                 w.event[3 * f] = -accelerate[f]
             elif accelerate[f] < -rest:
                 w.event[3 * f + 1] = accelerate[f]
     return outcome == SOLVED
-
-
-@kernel
-def _residual_acceleration(m, w, f):
-    """Acceleration that the row forces leave a guide at rest (m/s^2), and up to which it is rounding."""
-    t = m.rows + f
-    return row_acceleration(w, t, w.force), HELD * max(abs(w.right[t]), largest_force(m, w, w.force) * sqrt(w.G[t, t]))

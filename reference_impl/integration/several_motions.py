@@ -11,8 +11,7 @@ from stiction.reference_impl.friction.uniqueness import gain_of_mode, has_severa
 from stiction.reference_impl.integration.dop853 import dense_at
 from stiction.reference_impl.integration.integration_state import State
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 NEARLY_SEVERAL = 0.5
 """Friction gain at either end of a step from which on the step is watched: several motions need 1."""
@@ -29,22 +28,13 @@ counted."""
 
 @kernel
 def end_at_several(m: Arrays, w: Workspace, s: State) -> None:
-    """End the step that is made where several motions begin, if they do so within it."""
-    step = s.attempt
-    lost, step.fraction, step.counted = _first_several(m, w, s, step.length / step.h)
-    step.lost = lost
-    if lost:
-        step.length = step.fraction * step.h
+    """End the step that is made where several motions begin, if they do so within it.
 
-
-@kernel
-def _first_several(m, w, s, fraction):
-    """Search the first `fraction` of the step for several motions.
-
-    Returns whether they begin in it, at which fraction, and the one just behind where they can be counted: where they
-    begin the linear system is singular.
+    `counted` is a fraction of the step just behind, where they can be counted: where they begin the linear system is
+    singular.
     """
-    low, below = 0.0, True
+    step, low, below = s.attempt, 0.0, True
+    fraction = step.length / step.h
     for i in range(1, GAIN_SAMPLES + 1):
         high = fraction * i / GAIN_SAMPLES
         _rows_at(m, w, s, high)
@@ -61,18 +51,17 @@ def _first_several(m, w, s, fraction):
                     break
         below = gain < 1.0
         if several:
-            counted, passed = _onset(m, w, s, low, high, True), _onset(m, w, s, low, high, False)
-            return True, passed if counted - passed <= SINGULAR_STRETCH * (high - low) else counted, counted
+            step.lost, step.counted = 1, _onset(m, w, s, low, high, True)
+            passed = _onset(m, w, s, low, high, False)
+            step.fraction = passed if step.counted - passed <= SINGULAR_STRETCH * (high - low) else step.counted
+            step.length = step.fraction * step.h
+            return
         low = high
-    return False, fraction, fraction
 
 
 @kernel
 def _onset(m: Arrays, w: Workspace, s: State, low: float, high: float, several: bool) -> float:
-    """Bisect between two fractions of the step.
-
-    Where several motions begin to be counted, or the gain reaches 1.
-    """
+    """Bisect between two fractions of the step: where several motions begin to be counted, or the gain reaches 1."""
     while (high - low) * s.attempt.h > 4e-16 * max(s.progress.time, s.attempt.h):
         middle = 0.5 * (low + high)
         _rows_at(m, w, s, middle)

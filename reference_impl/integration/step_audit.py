@@ -5,12 +5,11 @@ from __future__ import annotations
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.frozen_mode import margin
-from stiction.reference_impl.integration.dop853_coefficients import STAGES
+from stiction.reference_impl.integration.dop853 import STAGES
 from stiction.reference_impl.integration.integration_state import State, Task, take_audit_step
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 AUDITED = 1e-9
 """Violation of Coulomb's law, relative to the largest force or speed so far, that an audit takes for a missed event; or

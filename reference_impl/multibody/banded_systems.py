@@ -5,24 +5,22 @@ diagonal, and the contact problems of different cells are separate. Within a cel
 (reverse Cuthill-McKee) in which G is a band; the tangential rows stand among them. A system of a cell has all of its
 rows: the equation of the tangential row of a guide that slips is its law of friction, of any other the guide's motion.
 
-A mechanism of few rows has no cells (`mechanism.DENSE`) and is solved as one dense system.
+A mechanism of few rows has no cells (`mechanism.DENSE`): it is solved as one dense system, and looked at as one cell.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import at
+from stiction.reference_impl.compiled.bundle import Integers, at
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, solve_in_place
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 
 @kernel
 def fill_cell(m, w, c, reach, A):
-    """G of a cell into the leading part of A, zero elsewhere within `reach` of the diagonal.
-
-    Returns the number of rows.
-    """
+    """G of a cell into the leading part of A, zero elsewhere within `reach` of the diagonal; returns its size."""
     n = m.cell[c].end - m.cell[c].first
     for i in range(n):
         for j in range(max(0, i - reach), min(n, i + reach + 1)):
@@ -46,11 +44,9 @@ def friction_row(m, w, A, f, n, reach, c_R, c_T):
 
 @kernel
 def solve_cell(m, w, c, residual, rate, slip, holds):
-    """Forces of a cell into w.force that change Phi'' by `residual`, without friction.
+    """Forces of a cell into w.force that change Phi'' by `residual`, without friction; False if it is singular.
 
     If it `holds`, those of guides at rest change their slip by `rate` times the slip velocity.
-
-    Returns True where the system is regular.
     """
     band, first = m.cell[c].band, m.cell[c].first
     n = fill_cell(m, w, c, band, w.A)
@@ -69,21 +65,35 @@ def solve_cell(m, w, c, residual, rate, slip, holds):
 
 
 @kernel
-def fill_cell_of(m, w, c):
-    """Fill the workspace of a cell as a mechanism of its own, for everything that starts from the rows."""
+def count_cells(m):
+    """Number of cells whose contact modes are chosen in turn: 1 of few rows, 0 without friction."""
+    return max(1, len(m.cell)) if len(m.friction) else 0
+
+
+@kernel(allocates=True)
+def cell_of(m, w, c):
+    """Cell c as a mechanism of its own, its workspace with G, `right` and slip speeds, and its guides in the whole."""
+    guides = open_cell(m, w, c)
+    if len(m.cell) < 2:
+        return m, w, guides
+    return at(m.separate[c], m), at(w.separate[c], w), guides
+
+
+@kernel(allocates=True)
+def open_cell(m: Arrays, w: Workspace, c: int) -> Integers:
+    """Fill the workspace of a cell where there are several; returns its frictional guides."""
+    if len(m.cell) < 2:
+        guides = np.empty(len(m.friction), dtype=np.int64)
+        for f in range(len(guides)):
+            guides[f] = f
+        return guides
     own, work = at(m.separate[c], m), at(w.separate[c], w)
+    guides = np.empty(len(own.friction), dtype=np.int64)
     for i in range(len(own.origin)):
         work.right[i] = w.right[own.origin[i]]
         for j in range(len(own.origin)):
             work.G[i, j] = w.G[own.origin[i], own.origin[j]]
-    for f in range(len(own.friction)):
-        work.slip_speed[f] = w.slip_speed[own.origin[own.rows + f] - m.rows]
-
-
-@kernel(allocates=True)
-def guides_of(m, own):
-    """The frictional guides of a cell in the whole."""
-    guides = np.empty(len(own.friction), dtype=np.int64)
     for f in range(len(guides)):
         guides[f] = own.origin[own.rows + f] - m.rows
+        work.slip_speed[f] = w.slip_speed[guides[f]]
     return guides

@@ -11,11 +11,12 @@ from math import sqrt
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Reals
+from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.loops import product
 from stiction.reference_impl.multibody import baumgarte
-from stiction.reference_impl.multibody.kinematics import Workspace, constraints_at, direction_at, law_at, point_at
-from stiction.reference_impl.multibody.mechanism import ANGLE, AXIS, Arrays
+from stiction.reference_impl.multibody.kinematics import constraints_at, direction_at, law_at, point_at
+from stiction.reference_impl.multibody.mechanism import ANGLE, AXIS, Arrays, Workspace
 
 ONE, TWO = np.uint64(1), np.uint64(2)
 """To be added to the unsigned indices of `Arrays.block` and `Arrays.pair`: a signed one is looked at whether it counts
@@ -95,11 +96,8 @@ def row_form(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals) -> None:
     for b in range(len(m.block)):
         i, row, k = m.block[b, 0], m.block[b, 1], m.block[b, 2]
         x, y, z = J[i], J[i + ONE], J[i + TWO]
-        JM[i], JM[i + ONE], JM[i + TWO] = (
-            x * m.inverse_mass[k],
-            y * m.inverse_mass[k + ONE],
-            z * m.inverse_mass[k + TWO],
-        )
+        JM[i], JM[i + ONE] = x * m.inverse_mass[k], y * m.inverse_mass[k + ONE]
+        JM[i + TWO] = z * m.inverse_mass[k + TWO]
         w.right[row] -= x * w.free[k] + y * w.free[k + ONE] + z * w.free[k + TWO]
     row, column, value = np.uint64(0), np.uint64(0), 0.0
     for p in range(len(m.pair)):
@@ -157,3 +155,29 @@ def add_rows(m, w, force, a):
         a[k] += JM[i] * value
         a[k + ONE] += JM[i + ONE] * value
         a[k + TWO] += JM[i + TWO] * value
+
+
+@kernel(allocates=True)
+def roots_of_mobility(m):
+    """M^-1/2, (3 * bodies,)."""
+    root = np.zeros(len(m.inverse_mass))
+    for i in range(len(root)):
+        root[i] = np.sqrt(m.inverse_mass[i])
+    return root
+
+
+@kernel(allocates=True)
+def unit_rows(m: Arrays, w: Workspace, count: int, unit: Reals) -> tuple[Table, Reals]:
+    """The first rows of J in coordinates divided by `unit` (3 * bodies,), each divided by its size; the sizes."""
+    row, size = np.zeros((count, len(unit))), np.zeros(count)
+    for b in range(len(m.block)):
+        i, r, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
+        if r < count:
+            for c in range(3):
+                row[r, k + c] += w.J[i + c] * unit[k + c]
+    for r in range(count):
+        square = product(row[r], row[r])
+        size[r] = np.sqrt(square) if square > 0.0 else 1.0
+        for c in range(len(unit)):
+            row[r, c] /= size[r]
+    return row, size

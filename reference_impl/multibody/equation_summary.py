@@ -9,9 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.reference_impl.multibody.subsystems import connected_bodies, independent_parts
 from stiction.scenes import Scene
 from stiction.scenes.model import Baumgarte, NoStabilization, Revolute
@@ -22,26 +20,16 @@ UNKNOWNS_OF_STICK = 4
 
 @dataclass(frozen=True)
 class Block:
-    """An effect, and what it adds to the equations.
-
-    Attributes
-    ----------
-    name : str
-    elements : tuple of str
-        The elements of the scene that declare it; empty if it is left out.
-    equation : str
-        Numbers in parentheses are those of Zhuang & Wang 2014.
-    size : str
-        What it adds in unknowns or equations; empty if nothing.
-    absence : str
-        What it means where no element declares the effect.
-    """
+    """An effect, and what it adds to the equations; their numbers are those of Zhuang & Wang 2014."""
 
     name: str
     elements: tuple[str, ...]
+    """The elements of the scene that declare it; empty if it is left out."""
     equation: str
     size: str
+    """What it adds in unknowns or equations; empty if nothing."""
     absence: str
+    """What it means where no element declares the effect."""
 
 
 def blocks(scene: Scene) -> list[Block]:
@@ -111,15 +99,5 @@ def constraint_components(scene: Scene) -> list[tuple[str, ...]]:
 
 def rank(scene: Scene) -> int:
     """Rank of J at the start: what it is short of the number of rows is redundant there."""
-    return sum(_rank(Mechanism(part)) for part in independent_parts(scene))
-
-
-def _rank(mechanism: Mechanism) -> int:
-    m, w = mechanism.arrays, workspace(mechanism.arrays)
-    if not m.rows:
-        return 0
-    row_form(m, w, 0.0, *mechanism.initial_state())
-    J = np.zeros((m.rows + len(m.friction), len(m.inverse_mass)))
-    for place, row, k in m.block:
-        J[row, k:k + 3] += w.J[place:place + 3]
-    return int(np.linalg.matrix_rank(J[:m.rows]))
+    parts = (EquationsOfMotion(part) for part in independent_parts(scene) if constraint_rows(part))
+    return sum(int(np.linalg.matrix_rank(part.at(0.0, *part.start()).J)) for part in parts)

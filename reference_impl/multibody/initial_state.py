@@ -27,14 +27,8 @@ def consistent_start(mechanism: Mechanism, assemble: bool = False) -> tuple[np.n
 def consistent_starts(parts: Sequence[Mechanism], assemble: bool = False) -> list[tuple[np.ndarray, np.ndarray]]:
     """Coordinates and velocities at t = 0 of the parts of a scene, that satisfy the constraints.
 
-    Parameters
-    ----------
-    assemble
-        Project an inconsistent start onto the constraints, in the metric of the mass matrix, instead of refusing it.
-
-    Returns
-    -------
-    list of q, v : ndarray, shape (3 * bodies,)
+    `assemble`: project an inconsistent start onto the constraints, in the metric of the mass matrix, instead of
+    refusing it. Returns q and v, (3 * bodies,), of each part.
 
     Raises
     ------
@@ -67,9 +61,8 @@ def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray
     for name, position, velocity in zip(mechanism.row_names, w.phi.tolist(), w.phi_dot.tolist()):
         for residual, floor, what in ((position, position_floor, "position"), (velocity, velocity_floor, "velocity")):
             if not abs(residual) <= floor:
-                advice = (
-                    "the start could not be assembled" if assemble else "correct the start or assemble it (--assemble)"
-                )
+                advice = ("the start could not be assembled" if assemble
+                          else "correct the start or assemble it (--assemble)")
                 problems.append(Problem(f"start.{name}", f"{what} residual {residual:.6g}",
                                         f"expected the constraint to be met within {floor:.1g}; {advice}"))
     return q, v, problems

@@ -3,94 +3,34 @@
 from __future__ import annotations
 
 from math import cos, sin, sqrt
+from typing import Any
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.friction.solvers import AUTOMATIC, Counters
+from stiction.reference_impl.friction.solvers import AUTOMATIC
 from stiction.reference_impl.multibody.mechanism import (ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE,
-                                                         REVOLUTE, Arrays)
-
-
-class Workspace(Bundle):
-    """Quantities of one instant; tangential rows stand behind the constraint rows.
-
-    Attributes
-    ----------
-    rotation : (bodies, 2)
-        Cosine and sine of the bodies' angles.
-    J, JM : (6 * (rows + frictional),)
-        Rows, each with three coefficients for its body a and three for b; JM divided by the masses.
-    phi, phi_dot : (rows,)
-        Phi and Phi' = J v + dPhi/dt.
-    gamma : (rows + frictional,)
-        Phi'' = J q'' + gamma; for a tangential row the same of the slip velocity.
-    slip_speed : (frictional,)
-        g_T', m/s.
-    free : (3 * bodies,)
-        M^-1 Q, the acceleration without joints.
-    G : (rows + frictional,) * 2
-        J M^-1 J^T of all rows.
-    right : (rows + frictional,)
-        What G times the row forces must be for the constraints (and a stuck slider) to hold.
-    stabilizing : (rows,)
-        Baumgarte's terms 2 alpha Phi' + beta^2 Phi, as far as `right` contains them.
-    A, x, unit, response : scratch for linear solves.
-    force : (rows + frictional,)
-        Row forces: multipliers, then the frictions on the sliders.
-    event : (3 * frictional,)
-        Event functions of the contact mode, all >= 0 while it lasts.
-    solver : int
-        Solver of contact problems; one of `solvers.SOLVERS`.
-    counters : record of `solvers.Counters`
-        Work done so far.
-    separate : tuple of Workspace
-        Those of `Arrays.separate`; bodies, their rows and the counters are shared.
-    """
-
-    rotation: Table
-    J: Reals
-    JM: Reals
-    phi: Reals
-    phi_dot: Reals
-    gamma: Reals
-    slip_speed: Reals
-    free: Reals
-    G: Table
-    right: Reals
-    stabilizing: Reals
-    A: Table
-    x: Reals
-    unit: Reals
-    response: Table
-    force: Reals
-    event: Reals
-    solver: int
-    counters: Counters
-    separate: Bundles
+                                                         REVOLUTE, Arrays, Workspace)
 
 
 def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
     """Room for the kernels' results."""
-    n, frictional = arrays.rows, len(arrays.friction)
-    size, coordinates = n + frictional, len(arrays.inverse_mass)
-    whole = Workspace.zeros(rotation=(coordinates // 3, 2), J=6 * size, JM=6 * size, phi=n, phi_dot=n, gamma=size,
-                            slip_speed=frictional,
-                            free=coordinates, G=(size, size), right=size, stabilizing=n, A=(size, size), x=size,
-                            unit=2 * size, response=(size, frictional),
-                            force=size, event=3 * frictional, solver=solver, counters=(), separate=())
-    return whole.replaced(separate=tuple(_workspace_of_cell(cell, whole)
-                                         for cell in arrays.separate)) if arrays.separate else whole
+    coordinates, size = len(arrays.inverse_mass), arrays.rows + len(arrays.friction)
+    whole = Workspace.zeros(rotation=(coordinates // 3, 2), J=6 * size, JM=6 * size, phi=arrays.rows,
+                            phi_dot=arrays.rows, gamma=size, free=coordinates, solver=solver, counters=(), separate=(),
+                            **_room(arrays))
+    if not arrays.separate:
+        return whole
+    cells = tuple(whole.replaced(**{name: np.zeros(shape, getattr(whole, name).dtype)
+                                    for name, shape in _room(cell).items()}) for cell in arrays.separate)
+    return whole.replaced(separate=cells)
 
 
-def _workspace_of_cell(cell: Arrays, whole: Workspace) -> Workspace:
-    size, frictional = cell.rows + len(cell.friction), len(cell.friction)
-    return whole.replaced(slip_speed=np.zeros(frictional), G=np.zeros((size, size)), right=np.zeros(size),
-                          stabilizing=np.zeros(cell.rows), A=np.zeros((size, size)),
-                          x=np.zeros(size), unit=np.zeros(2 * size), response=np.zeros((size, frictional)),
-                          force=np.zeros(size),
-                          event=np.zeros(3 * frictional))
+def _room(m: Arrays) -> dict[str, Any]:
+    """Shapes of what the workspace of a cell does not share with the whole."""
+    nf, size = len(m.friction), m.rows + len(m.friction)
+    return {"slip_speed": nf, "G": (size, size), "right": size, "stabilizing": m.rows, "held": size,
+            "A": (size, size), "x": size, "unit": 2 * size, "response": (size, nf), "force": size, "event": 3 * nf}
 
 
 @kernel
@@ -155,7 +95,7 @@ def direction_at(rotation, v, body, ux, uy):
 
 
 @kernel
-def _along(J, row, ux, uy, arms, dx, dy):
+def row_along(J, row, ux, uy, arms, dx, dy):
     """Row of the coordinate u . d, d from the point on b to the point on a, u fixed in b.
 
     arms = (rax, ray, rbx, rby). With u' = omega_b (k x u): d(u.d)/d theta_b = (k x u).d - u.(k x r_b).
@@ -201,7 +141,7 @@ def constraints_at(m, w, t, q, v):
             d = sqrt(dx * dx + dy * dy)
             ux, uy = dx / d, dy / d
             rate = ux * ex + uy * ey
-            _along(w.J, r, ux, uy, arms, dx, dy)
+            row_along(w.J, r, ux, uy, arms, dx, dy)
             w.phi[r], w.phi_dot[r] = d - s, rate - s1
             w.gamma[r] = ux * cx + uy * cy + (ex * ex + ey * ey - rate * rate) / d - s2 if s > 0.0 else np.nan
             continue
@@ -211,22 +151,18 @@ def constraints_at(m, w, t, q, v):
         along_gamma = ux * cx + uy * cy + 2.0 * omega * (ux * ey - uy * ex) - omega * omega * along
         if kind == AXIS:
             s, s1, s2 = law_at(m.law, m.knots, constraint.law, t)
-            _along(w.J, r, ux, uy, arms, dx, dy)
+            row_along(w.J, r, ux, uy, arms, dx, dy)
             w.phi[r], w.phi_dot[r], w.gamma[r] = along - s, along_rate - s1, along_gamma - s2
             continue
-        _along(w.J, r, -uy, ux, arms, dx, dy)
-        w.phi[r] = across
-        w.phi_dot[r] = ux * ey - uy * ex - omega * along
+        row_along(w.J, r, -uy, ux, arms, dx, dy)
+        w.phi[r], w.phi_dot[r] = across, ux * ey - uy * ex - omega * along
         w.gamma[r] = ux * cy - uy * cx - 2.0 * omega * (ux * ex + uy * ey) - omega * omega * across
         w.J[6 * r + 8], w.J[6 * r + 11] = 1.0, -1.0
         qb = q[3 * b + 2] if b >= 0 else 0.0
-        w.phi[r + 1], w.phi_dot[r + 1], w.gamma[r + 1] = (
-            q[3 * a + 2] - qb - constraint.offset,
-            v[3 * a + 2] - omega,
-            0.0,
-        )
+        w.phi[r + 1], w.gamma[r + 1] = q[3 * a + 2] - qb - constraint.offset, 0.0
+        w.phi_dot[r + 1] = v[3 * a + 2] - omega
         f = constraint.friction
         if f >= 0:
-            _along(w.J, m.rows + f, ux, uy, arms, dx, dy)
+            row_along(w.J, m.rows + f, ux, uy, arms, dx, dy)
             w.slip_speed[f] = along_rate
             w.gamma[m.rows + f] = along_gamma

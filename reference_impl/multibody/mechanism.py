@@ -20,6 +20,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
 from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, IntegerTable, Reals, Table
+from stiction.reference_impl.equations_of_motion import EquationsOfMotion
+from stiction.reference_impl.friction.solvers import Counters
 from stiction.reference_impl.multibody.baumgarte import PAPERS, coefficients
 from stiction.scenes import Problem, Scene, SceneError
 from stiction.scenes.fields import GROUND
@@ -38,89 +40,86 @@ NO_GUIDE = -1
 """Place of a frictional guide where there is none."""
 LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
 
-_POINTS = [("ax", float), ("ay", float), ("bx", float), ("by", float), ("ux", float), ("uy", float)]
-CONSTRAINT = np.dtype([("kind", np.int64), ("row", np.int64), ("a", np.int64), ("b", np.int64), *_POINTS,
-                       ("offset", float), ("law", np.int64), ("friction", np.int64)])
-FRICTION = np.dtype([("row", np.int64), ("corners", np.int64), ("pair", np.int64), ("length", float), ("width", float),
-                     ("mu", float),
-                     ("mus", float)])
-SPRING = np.dtype([("kind", np.int64), ("a", np.int64), ("b", np.int64), *_POINTS,
-                   ("stiffness", float), ("damping", float), ("rest", float)])
-LOAD = np.dtype([("body", np.int64), ("px", float), ("py", float), ("ux", float), ("uy", float), ("law", np.int64)])
-CELL = np.dtype([("first", np.int64), ("end", np.int64), ("band", np.int64), ("first_entry", np.int64),
-                 ("end_entry", np.int64),
-                 ("first_block", np.int64), ("end_block", np.int64)])
-LAW = np.dtype([("kind", np.int64), ("first", float), ("second", float), ("frequency", float), ("phase", float)])
+
+def _record(integers: str, numbers: str) -> np.dtype:
+    return np.dtype([*((name, np.int64) for name in integers.split()), *((name, float) for name in numbers.split())])
+
+
+CONSTRAINT = _record("kind row a b law friction", "ax ay bx by ux uy offset")
+"""Bodies a and b, their points, direction (ux, uy) in the axes of b, offset of the angle, frictional guide or -1."""
+FRICTION = _record("row corners pair", "length width mu mus")
+"""Row of the guide's normal force (that of the moment follows), length 0 where it has none; `corners`, the normal
+forces that have one sign each (2, or 1 without length), and `pair`, the first of their pairs in the HLCP."""
+SPRING = _record("kind a b", "ax ay bx by ux uy stiffness damping rest")
+LOAD = _record("body law", "px py ux uy")
+CELL = _record("first end band first_entry end_entry first_block end_block", "")
+"""Places of a cell's rows in `order` (the first and the one behind the last), half the bandwidth, places of its entries
+of G and of its blocks."""
+LAW = _record("kind", "first second frequency phase")
+"""A polynomial is first + second t, a sine first + second sin(frequency t + phase), a table the knots from first to
+second."""
 
 
 class Arrays(Bundle):
     """The mechanism for the kernels; body -1 is the ground, angles in radians, SI units.
 
-    Attributes
-    ----------
-    rows : int
-        Number of constraint rows.
-    inverse_mass, weight : ndarray, shape (3 * bodies,)
-    constraint : ndarray of CONSTRAINT
-        One per joint and drive, in the order of their rows: bodies a and b, their points, direction (ux, uy) in the
-        axes of b, offset of the angle, law, and the frictional guide or NO_GUIDE.
-    friction : ndarray of FRICTION
-        One per frictional guide: row of its normal force (that of the moment follows), length 0 where it has none;
-        `corners`, the normal forces that have one sign each (2, or 1 without length), and `pair`, the first of their
-        pairs in the HLCP.
-    smooth : ndarray of int
-        The rows that no corner force replaces, in increasing order: theirs are the first pairs of the HLCP (`hlcp`).
-    spring, load, law : ndarray of SPRING, LOAD, LAW
-        A torque is a load with direction (0, 0). A polynomial law is first + second t, a sine first + second
-        sin(frequency t + phase), a table the knots from first to second.
-    knots : ndarray, shape (n, 3)
-        Time, value, second derivative.
-    block : ndarray of unsigned int, shape (n, 3)
-        The three coefficients that a row has for a moving body: place in J, row, 3 * body.
-    pair : ndarray of unsigned int, shape (n, 4)
-        Pairs of blocks at the same body: places of the two in J, row and column of their entry of G, on or above the
-        diagonal, in the order of entries: the sparsity of G = J M^-1 J^T.
-    cell : ndarray of CELL
-        The cells (`banded_systems`) of a mechanism of more than `DENSE` rows: the places of its rows in `order` (the
-        first and the one behind the last), half the bandwidth, the places of its entries of G and of its blocks. A
-        mechanism of few rows has none.
-    order, position : ndarray of int, shape (rows + frictional,)
-        The rows, cell by cell, in the order in which G is a band, and the place of each row in its cell; nothing
-        without cells.
-    entry : ndarray of int, shape (n, 2)
-        Row and column of the entries of G that are not zero, cell by cell; nothing without cells.
-    separate : tuple of Arrays
-        The cells of a mechanism of several, each as a mechanism of its own, for what starts from its rows: it has
-        neither constraints nor loads. Rows and guides are numbered within the cell, bodies as in the whole.
-    origin : ndarray of int, shape (rows + frictional,)
-        Rows of the whole that belong to a cell, in increasing order; nothing in the whole.
-    unlike : int
-        1 if the largest mass, or inertia over the square of the largest lever, is more than `UNLIKE` times the smallest
-        (`unlike_masses`).
+    Without cells (`banded_systems`), in a mechanism of at most `DENSE` rows, what belongs to them is empty. The cells
+    of a mechanism of several are in `separate`, each as a mechanism of its own, for what starts from its rows: it has
+    neither constraints nor loads. Rows and guides are numbered within the cell, bodies as in the whole.
     """
 
-    rows: int
-    inverse_mass: Reals
+    rows: int  # constraint rows
+    inverse_mass: Reals  # (3 * bodies,)
     weight: Reals
-    constraint: Annotated[np.ndarray, CONSTRAINT, 1]
-    friction: Annotated[np.ndarray, FRICTION, 1]
+    constraint: Annotated[np.ndarray, CONSTRAINT, 1]  # one per joint and drive, in the order of their rows
+    friction: Annotated[np.ndarray, FRICTION, 1]  # one per frictional guide
     spring: Annotated[np.ndarray, SPRING, 1]
-    load: Annotated[np.ndarray, LOAD, 1]
+    load: Annotated[np.ndarray, LOAD, 1]  # a torque has the direction (0, 0)
     law: Annotated[np.ndarray, LAW, 1]
-    knots: Table
+    knots: Table  # (n, 3): time, value, second derivative
     block: Annotated[np.ndarray, np.uint64, 2]
+    """The three coefficients that a row has for a moving body: place in J, row, 3 * body."""
     pair: Annotated[np.ndarray, np.uint64, 2]
+    """Pairs of blocks at the same body: places of the two in J, row and column of their entry of G, on or above the
+    diagonal, in the order of entries: the sparsity of G = J M^-1 J^T."""
     smooth: Integers
+    """Rows that no corner force replaces, in increasing order: theirs are the first pairs of the HLCP (`hlcp`)."""
     cell: Annotated[np.ndarray, CELL, 1]
-    order: Integers
-    position: Integers
-    entry: IntegerTable
+    order: Integers  # the rows, tangential ones among them, cell by cell, so that G is a band
+    position: Integers  # the place of each row in its cell
+    entry: IntegerTable  # (n, 2), row and column of the entries of G that are not zero, cell by cell
     separate: Bundles
-    origin: Integers
+    origin: Integers  # the rows of the whole that belong to a cell, in increasing order; nothing in the whole
     baumgarte_2alpha: float
     baumgarte_beta2: float
     length_scale: float
-    unlike: int
+    unlike: int  # 1 if masses or inertias are unlike by more than `UNLIKE` (`unlike_masses`)
+
+
+class Workspace(Bundle):
+    """Quantities of one instant; `all` rows are the constraint rows and, behind them, the tangential ones."""
+
+    rotation: Table  # (bodies, 2), cosine and sine of the bodies' angles
+    J: Reals  # (6 * all,), of each row three coefficients for its body a and three for b
+    JM: Reals  # as J, divided by the masses
+    phi: Reals  # (rows,), Phi
+    phi_dot: Reals  # (rows,), Phi' = J v + dPhi/dt
+    gamma: Reals  # (all,), Phi'' = J q'' + gamma; for a tangential row the same of the slip velocity
+    slip_speed: Reals  # (frictional,), g_T', m/s
+    free: Reals  # (3 * bodies,), M^-1 Q, the acceleration without joints
+    G: Table  # (all, all), J M^-1 J^T
+    right: Reals  # (all,), G times the row forces for the constraints (and a stuck slider) to hold
+    stabilizing: Reals  # (rows,), Baumgarte's terms 2 alpha Phi' + beta^2 Phi, as far as `right` contains them
+    held: Annotated[np.ndarray, np.uint64, 1]  # scratch for linear solves, as A, x, unit and response
+    A: Table
+    x: Reals
+    unit: Reals
+    response: Table
+    force: Reals  # (all,), multipliers, then the frictions on the sliders
+    event: Reals  # (3 * frictional,), event functions of the contact mode, all >= 0 while it lasts
+    solver: int  # of contact problems; one of `solvers.SOLVERS`
+    counters: Counters  # work done so far
+    separate: Bundles  # those of `Arrays.separate`; bodies, their rows and the counters are shared
 
 
 class Mechanism:
@@ -148,16 +147,13 @@ class Mechanism:
     Raises
     ------
     SceneError
-        For more than `MOST_ROWS` constraint rows; see `components` for scenes of more.
+        For more than `MOST_ROWS` constraint rows.
     """
 
     def __init__(self, scene: Scene, stabilization: str = "scene"):
         self.scene = scene
-        self.body_names, self.guide_names, self.row_names = (
-            list(scene.bodies),
-            list(scene.frictional_guides),
-            _row_names(scene),
-        )
+        self.body_names, self.guide_names = list(scene.bodies), list(scene.frictional_guides)
+        self.row_names = _row_names(scene)
         self._index = {GROUND: -1, **{name: i for i, name in enumerate(self.body_names)}}
         self._laws = [element.law for element in [*scene.drives.values(), *scene.forces.values()]]
         alpha, beta, self.projection = _stabilization(scene, stabilization)
@@ -173,10 +169,7 @@ class Mechanism:
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""
-        bodies = self.scene.bodies.values()
-        q = np.array([value for body in bodies for value in (*body.position, body.angle)])
-        v = np.array([value for body in bodies for value in (*body.velocity, body.angular_velocity)])
-        return q, v
+        return EquationsOfMotion(self.scene).start()
 
     def kinks(self, t_end: float) -> np.ndarray:
         """Times in (0, t_end) at which a law is not smooth, in order; see `stiction.scenes.laws.law_kinks`."""
@@ -214,19 +207,18 @@ class Mechanism:
                 if element.frictional:
                     guide = len(frictions)
                     frictions.append((row, 2 if element.length else 1, 0, element.length or 0.0, element.width or 0.0,
-                                      element.kinetic_coefficient,
-                                      element.static_coefficient))
-            constraints.append((kind, row, *(self._index[body] for body in element.bodies), *points[0], *points[1],
-                                *_unit(direction), offset, law, guide))
+                                      element.kinetic_coefficient, element.static_coefficient))
+            constraints.append((kind, row, *(self._index[body] for body in element.bodies), law, guide, *points[0],
+                                *points[1], *_unit(direction), offset))
             row += rows
         constraint, friction = np.array(constraints, dtype=CONSTRAINT), np.array(frictions, dtype=FRICTION)
-        block, pair = _blocks(row, tuple([(kind, first, a, b, guide) for kind, first, a, b, *_, guide in constraints]))
+        joints = tuple([(kind, first, a, b, guide) for kind, first, a, b, _, guide, *_ in constraints])
+        block, pair = _blocks(row, joints)
         size = row + len(friction)
         cell, order, position, entry, block = _cells(size, block, pair) if size > DENSE else (*_NO_CELLS, block)
         return {"rows": row, "constraint": constraint, "friction": friction, "block": block, "pair": pair,
                 "smooth": _hlcp_pairs(row, friction), "cell": cell, "order": order, "position": position,
-                "entry": entry,
-                "origin": np.zeros(0, dtype=np.int64), "length_scale": self._length_scale(),
+                "entry": entry, "origin": np.zeros(0, dtype=np.int64), "length_scale": self._length_scale(),
                 "unlike": int(self._unlike())}
 
     def _springs(self) -> dict[str, np.ndarray]:
@@ -243,8 +235,8 @@ class Mechanism:
 
     def _loads(self) -> dict[str, np.ndarray]:
         """The loads, and the laws, those of drives first."""
-        loads = [(self._index[load.body], *load.point, *_unit(load.direction), law) if isinstance(load, Force)
-                 else (self._index[load.body], 0, 0, 0, 0, law)
+        loads = [(self._index[load.body], law, *((*load.point, *_unit(load.direction)) if isinstance(load, Force)
+                                                 else (0, 0, 0, 0)))
                  for law, load in enumerate(self.scene.forces.values(), len(self.scene.drives))]
         laws: list[tuple[float, ...]] = []
         knots: list[tuple[float, ...]] = []
@@ -306,9 +298,7 @@ def _row_names(scene: Scene) -> list[str]:
 
 @lru_cache(maxsize=8)
 def _blocks(rows: int, joints: tuple[tuple[int, int, int, int, int], ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Blocks of the rows, tangential rows included, and their pairs at the same body.
-
-    joints : kind, row, bodies and frictional guide of each.
+    """Blocks of the rows, tangential rows included, and their pairs; `joints`: kind, row, bodies and frictional guide.
 
     Mechanisms that differ in numbers alone share them; nothing writes into them.
     """
@@ -321,8 +311,7 @@ def _blocks(rows: int, joints: tuple[tuple[int, int, int, int, int], ...]) -> tu
     at_body: dict[int, list[tuple[int, int]]] = {}
     for place, row, body in blocks:
         at_body.setdefault(body, []).append((place, row))
-    pairs = [(p, o, r, c)
-             for group in at_body.values() for p, r in group for o, c in group if c >= r]
+    pairs = [(p, o, r, c) for group in at_body.values() for p, r in group for o, c in group if c >= r]
     return (np.array(sorted(blocks), dtype=np.uint64).reshape(-1, 3),
             np.array(sorted(pairs, key=lambda pair: (pair[2:], pair)), dtype=np.uint64).reshape(-1, 4))
 
@@ -336,12 +325,7 @@ def _hlcp_pairs(rows: int, friction: np.ndarray) -> np.ndarray:
     return smooth
 
 
-_NO_CELLS = (
-    np.zeros(0, dtype=CELL),
-    np.zeros(0, dtype=np.int64),
-    np.zeros(0, dtype=np.int64),
-    np.zeros((0, 2), dtype=np.int64),
-)
+_NO_CELLS = (np.zeros(0, CELL), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2), np.int64))
 """`Arrays.cell`, `order`, `position`, `entry` of a mechanism of few rows."""
 
 
@@ -384,9 +368,8 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
         count = len(rows) - len(friction)
         found.append(m.replaced(
             rows=count, constraint=m.constraint[:0], friction=friction, spring=m.spring[:0], load=m.load[:0],
-            law=m.law[:0],
-            knots=m.knots[:0], block=block, pair=m.pair[:0], smooth=_hlcp_pairs(count, friction), origin=rows,
-            **dict(zip(("cell", "order", "position", "entry"), bands))))
+            law=m.law[:0], knots=m.knots[:0], block=block, pair=m.pair[:0], smooth=_hlcp_pairs(count, friction),
+            origin=rows, **dict(zip(("cell", "order", "position", "entry"), bands))))
     return tuple(found)
 
 
@@ -396,9 +379,7 @@ def _stabilization(scene: Scene, choice: str) -> tuple[float, float, bool]:
     if method not in ("none", "baumgarte", "projection"):
         raise ValueError(f"stabilization: found {choice!r}; expected 'scene', 'none', 'baumgarte' or 'projection'")
     if method == "baumgarte":
-        if isinstance(declared, Baumgarte):
-            return declared.alpha, declared.beta, False
-        return *PAPERS, False
+        return *((declared.alpha, declared.beta) if isinstance(declared, Baumgarte) else PAPERS), False
     return 0.0, 0.0, method == "projection"
 
 

@@ -14,8 +14,7 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, RANK_TOLERANCE, minimum_norm, solve_in_place
 from stiction.reference_impl.multibody.banded_systems import solve_cell
 from stiction.reference_impl.multibody.dynamics import add_rows, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 from stiction.reference_impl.multibody.singular_positions import leave_nearly_dependent
 
 MET = 1e-15
@@ -49,10 +48,7 @@ def _correct(m: Arrays, w: Workspace, residual: Reals, rate: float, slip: Intege
 
 @kernel
 def _solve(m, w, residual, rate, slip, holds, tolerance):
-    """G force = residual, of the constraint rows and, if it `holds`, of the rows of guides at rest.
-
-    False where a pivot is below the tolerance.
-    """
+    """G force = residual, of constraint rows and, if it `holds`, of guides at rest; False where a pivot is small."""
     size = len(w.force) if holds else m.rows
     for r in range(len(w.force)):
         w.force[r] = 0.0
@@ -69,9 +65,7 @@ def project(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integer
             limit: int) -> None:
     """Newton's method on Phi(q, t) = 0, in place, down to `MET`, `limit` steps at most; then velocities onto Phi' = 0.
 
-    holds : whether guides at rest, of slip 0, count.
-
-    The rows of the workspace (`dynamics.row_form`) must be those of (t, q, v).
+    `holds`: whether guides at rest, of slip 0, count. The rows of the workspace must be those of (t, q, v).
     """
     for _ in range(limit):
         worst = 0.0

@@ -6,10 +6,12 @@ a perturbation grows as y = c/x. The motion that goes on has y = 0. Three things
 coordinates of the size 1:
 
 - G = J M^-1 J^T has the singular value s^2, so that elimination gives y'' to e/s^2 only; J M^-1/2 itself gives it to
-e/s. - The correction of Phi moves y by e/s and y' by e/s^2, and the next steps carry that on as c/x. It has to wait
-until s is large again. - An error of y or y' is corrected by the constraints as soon as s is large, and changes the
-energy in second order only. A step whose
-  estimated error is one of y must not be shortened: the shorter one begins nearer to the position, where y' is noise.
+  e/s.
+- The correction of Phi moves y by e/s and y' by e/s^2, and the next steps carry that on as c/x. It has to wait until s
+  is large again.
+- An error of y or y' is corrected by the constraints as soon as s is large, and changes the energy in second order
+  only. A step whose estimated error is one of y must not be shortened: the shorter one begins nearer to the position,
+  where y' is noise.
 
 What is left is a floor that no tolerance lowers: a step that begins at x0 has y' = e/x0^2, and a stage at x1 makes y''
 = 2 x' y'/x1 of it. The force of the constraint, which grows as 1/x1, turns y into an acceleration along the motion.
@@ -23,12 +25,10 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import decompose, solve_in_place
-from stiction.reference_impl.integration.dop853 import combine, error_norm
-from stiction.reference_impl.integration.dop853_coefficients import STAGES, A, C
-from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import Workspace
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, decompose, solve_in_place
+from stiction.reference_impl.compiled.loops import is_finite, product, subtract
+from stiction.reference_impl.multibody.dynamics import roots_of_mobility, unit_rows
+from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 SINGULAR_POSITION = 1e-5
 """A singular value of J M^-1/2, rows of unit size, that counts as zero, relative to the largest. Nearer to the singular
@@ -49,36 +49,18 @@ end of a step no stage of it is looked at."""
 
 @kernel(allocates=True)
 def singular_rows(m: Arrays, w: Workspace, unit: Reals) -> tuple[Reals, Table, Reals, Table]:
-    """Singular values of the constraint rows, each of unit size, in coordinates divided by `unit`.
+    """Singular values of the constraint rows, each of unit size, in coordinates divided by `unit` (3 * bodies,).
 
-    Parameters
-    ----------
-    unit : ndarray, shape (3 * bodies,)
-
-    Returns
-    -------
-    size : ndarray, shape (rows,)
-        By which the rows were divided; nan in all of them where one is not finite, and then the rest are zeros.
-    left_of, s, right_of
-        Those of the rows, as `linear_algebra.decompose`.
+    Returns the sizes by which the rows were divided, and what `linear_algebra.decompose` makes of them. Where a row is
+    not finite all sizes are nan, and the rows count as zeros.
     """
-    rows, n, finite = m.rows, len(m.inverse_mass), True
-    J, size = np.zeros((rows, n)), np.zeros(rows)
-    for b in range(len(m.block)):
-        i, row, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
-        if row < rows:
-            for c in range(3):
-                J[row, k + c] += w.J[i + c] * unit[k + c]
-    for r in range(rows):
-        square = 0.0
-        for c in range(n):
-            square += J[r, c] * J[r, c]
-            finite = finite and np.isfinite(J[r, c])
-        size[r] = np.sqrt(square) if square > 0.0 else 1.0
-    for r in range(rows):
-        for c in range(n):
-            J[r, c] = J[r, c] / size[r] if finite else 0.0
-        if not finite:
+    J, size = unit_rows(m, w, m.rows, unit)
+    finite = True
+    for r in range(m.rows):
+        finite = finite and is_finite(J[r])
+    if not finite:
+        J = np.zeros(J.shape)
+        for r in range(m.rows):
             size[r] = np.nan
     left_of, s, right_of = decompose(J)
     return size, left_of, s, right_of
@@ -86,62 +68,38 @@ def singular_rows(m: Arrays, w: Workspace, unit: Reals) -> tuple[Reals, Table, R
 
 @kernel(allocates=True)
 def lengths(m):
-    """Unit of length in each coordinate, ndarray of shape (3 * bodies,).
-
-    1 m, and the angle that moves a point by it.
-    """
+    """Unit of length in each coordinate, (3 * bodies,): 1 m, and the angle that moves a point by it."""
     unit = np.zeros(len(m.inverse_mass))
     for i in range(len(unit)):
         unit[i] = 1.0 / m.length_scale if i % 3 == 2 else 1.0
     return unit
 
 
-@kernel
-def _product(rows, k, vector):
-    """Scalar product of a row with a vector."""
-    total = 0.0
-    for r in range(len(vector)):
-        total += rows[k, r] * vector[r]
-    return total
-
-
 @kernel(allocates=True)
-def shortest_forces(m: Arrays, w: Workspace) -> float:
-    """Forces of the constraint rows without friction into w.force, from J M^-1/2.
+def shortest_forces(m: Arrays, w: Workspace) -> None:
+    """Forces of the constraint rows without friction into w.force, from J M^-1/2: the shortest of least residual.
 
-    The shortest that minimize |G force - right|.
-
-    Rows are measured by their size in J M^-1/2; the singular values up to SINGULAR_POSITION are left out.
-
-    Returns
-    -------
-    float
-        The largest residual over the largest right-hand side, so measured; the forces are nan, and this inf, where J is
-        not finite.
+    Rows are measured by their size in J M^-1/2; the singular values up to SINGULAR_POSITION are left out. The forces
+    are nan where J is not finite, or the constraints contradict each other.
     """
-    unit, force, right, rest = np.zeros(len(m.inverse_mass)), np.zeros(m.rows), np.zeros(m.rows), np.zeros(m.rows)
-    for i in range(len(unit)):
-        unit[i] = np.sqrt(m.inverse_mass[i])
-    size, left_of, s, _ = singular_rows(m, w, unit)
-    finite, largest, worst = True, 0.0, 0.0
+    force, right, rest = np.zeros(m.rows), np.zeros(m.rows), np.zeros(m.rows)
+    size, left_of, s, _ = singular_rows(m, w, roots_of_mobility(m))
+    largest, worst = 0.0, 0.0
     for r in range(m.rows):
         right[r] = w.right[r] / size[r]
         rest[r] = right[r]
-        finite, largest = finite and np.isfinite(right[r]), max(largest, abs(right[r]))
-    if not finite:
-        for r in range(m.rows):
-            w.force[r] = np.nan
-        return np.inf
+        largest = max(largest, abs(right[r]))
     for k in range(len(s)):
         if s[k] > SINGULAR_POSITION * s[0]:
-            part = _product(left_of, k, right)
-            for r in range(m.rows):
-                force[r] += left_of[k, r] * (part / s[k] ** 2)
-                rest[r] -= left_of[k, r] * part
+            part = product(left_of[k], right)
+            subtract(-part / s[k] ** 2, left_of[k], force)
+            subtract(part, left_of[k], rest)
     for r in range(m.rows):
         w.force[r] = force[r] / size[r]
         worst = max(worst, abs(rest[r]))
-    return worst / largest if largest > 0.0 else 0.0
+    if not is_finite(right) or largest > 0.0 and not worst / largest <= CONTRADICTION:
+        for r in range(m.rows):
+            w.force[r] = np.nan
 
 
 @kernel(allocates=True)
@@ -157,66 +115,25 @@ def leave_nearly_dependent(m: Arrays, w: Workspace, residual: Reals) -> None:
         scaled[r] = residual[r] / size[r]
     for k in range(len(s)):
         if not s[k] > NEARLY_DEPENDENT * s[0]:
-            part = _product(left_of, k, scaled)
-            for r in range(m.rows):
-                scaled[r] -= left_of[k, r] * part
+            subtract(product(left_of[k], scaled), left_of[k], scaled)
     for r in range(m.rows):
         residual[r] = scaled[r] * size[r]
 
 
 @kernel
-def _is_far(m, w):
-    """Return True where the pivots of G, far cheaper than singular values, exclude a singular position."""
-    for r in range(m.rows):
-        w.x[r] = 0.0
-        for c in range(m.rows):
-            w.A[r, c] = w.G[r, c]
-    return solve_in_place(w.A, w.x, w.unit, m.rows, m.rows, AROUND ** 2)
-
-
-@kernel(allocates=True)
-def error_along_motion(m: Arrays, w: Workspace, t: float, h: float, y: Reals,  # noqa: PLR0913 - a kernel's arrays
-                       y_new: Reals, K: Table, scale: Reals, probe: Reals, error: float, bodies: int) -> float:
-    """Estimated local error of a step (`dop853.error_norm`) without its part along another branch of motion.
-
-    That part is left out where a stage has a singular value of J below NEAR: the directions are those of the stage that
-    has the smallest. The rows of the workspace are those of y_new, before and after.
-    """
-    n, unit, nearest = len(m.inverse_mass), lengths(m), NEAR
-    if len(m.cell) == 0 and _is_far(m, w):
-        return error
-    _, _, s, across = singular_rows(m, w, unit)
-    if not _smallest(s) < AROUND:
-        return error
-    first, last = 0, 0
-    for stage in range(1, STAGES + 1):
-        combine(K, A[stage], stage, h, y, probe)
-        row_form(m, w, t + C[stage] * h, probe[:n], probe[n:])
-        _, _, s, right_of = singular_rows(m, w, unit)
-        if _smallest(s) < nearest:
-            nearest, across, first, last = _smallest(s), right_of, 0, 0
-            for k in range(len(s)):
-                first += 1 if s[k] >= NEAR * s[0] else 0
-                last += 1 if s[k] > ALWAYS_DEPENDENT * s[0] else 0
-    row_form(m, w, t + h, y_new[:n], y_new[n:])
-    if first == last:
-        return error
-    along = K.copy()
-    for i in range(STAGES + 1):
-        for half in range(0, 2 * n, n):
-            for k in range(first, last):
-                part = 0.0
-                for c in range(n):
-                    part += across[c, k] * along[i, half + c] / unit[c]
-                for c in range(n):
-                    along[i, half + c] -= unit[c] * across[c, k] * part
-    return error_norm(along, h, scale, bodies)
-
-
-@kernel
-def _smallest(s):
+def smallest(s):
     """Smallest singular value of rows that are not always dependent, over the largest."""
     for k in range(len(s) - 1, 0, -1):
         if s[k] > ALWAYS_DEPENDENT * s[0]:
             return s[k] / s[0]
     return 1.0
+
+
+@kernel
+def pivots_are_above(m, w, tolerance):
+    """Return True where no pivot of G of the constraint rows is below `tolerance`; the scratch is used."""
+    for r in range(m.rows):
+        w.x[r] = 0.0
+        for c in range(m.rows):
+            w.A[r, c] = w.G[r, c]
+    return solve_in_place(w.A, w.x, w.unit, m.rows, m.rows, tolerance)

@@ -24,12 +24,11 @@ from stiction.scenes.errors import ELEMENTS
 if TYPE_CHECKING:
     from stiction.reference_impl.integration.result import Run
 
+DRIFT = "drift."
+
 
 def connected_bodies(scene: Scene, pairs: Iterable[tuple[str, str]]) -> tuple[int, dict[str, int]]:
-    """Number of groups of bodies that the pairs leave unconnected, and the group of each body.
-
-    Groups in the order of the bodies.
-    """
+    """Number of groups of bodies that the pairs leave unconnected, and the group of each body, in their order."""
     index = {name: i for i, name in enumerate(scene.bodies)}
     edges = np.array([(index[a], index[b]) for a, b in pairs if a in index and b in index],
                      dtype=np.int64).reshape(-1, 2)
@@ -61,21 +60,12 @@ def independent_parts(scene: Scene) -> list[Scene]:
 
 def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[[int, float], Run],
                    t_end: float) -> Run:
-    """Integrate the parts one after the other and put together what they yield.
+    """Integrate the parts of a scene one after the other and put together what they yield.
 
-    Parameters
-    ----------
-    scene : Scene
-        The whole.
-    simulate
-        Called with the place of a part and the time up to which it is needed: `t_end`, or the earliest time at which a
-        part before it broke down.
-
-    Returns
-    -------
-    Run
-        Columns by element in the order of the scene, events in order of time, and sums of costs and counters. It ends
-        where the first part breaks down. Events have the values of the part that they belong to, without ``drift``.
+    `simulate` is called with the place of a part and the time up to which it is needed: `t_end`, or the earliest time
+    at which a part before it broke down. The run has columns by element in the order of the scene, events in order of
+    time, and sums of costs and counters. It ends where the first part breaks down. Events have the values of the part
+    that they belong to, without ``drift``.
     """
     until, runs = t_end, []
     for i in range(len(parts)):
@@ -86,11 +76,12 @@ def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[
         return runs[0]
     broken = [run.breakdown for run in runs if run.breakdown is not None and run.breakdown.time <= until]
     rows = min(len(run.t) for run in runs)
-    found = {name: column[:rows] for run in runs for name, column in run.columns.items() if not _is_drift(name)}
+    found = {name: column[:rows] for run in runs for name, column in run.columns.items() if not name.startswith(DRIFT)}
     place = {name: i for i, name in enumerate(chain(scene.bodies, scene.joints, scene.drives))}
     columns = {name: found[name] for name in sorted(found, key=lambda name: place[name.partition(".")[0]])}
-    for name in filter(_is_drift, runs[0].columns):
-        columns[name] = np.sqrt(sum(run.columns[name][:rows] ** 2 for run in runs))
+    for name in runs[0].columns:
+        if name.startswith(DRIFT):
+            columns[name] = np.sqrt(sum(run.columns[name][:rows] ** 2 for run in runs))
     events = sorted((replace(event, before=_without_drift(event.before), after=_without_drift(event.after))
                      for run in runs for event in run.events if event.time <= until), key=lambda event: event.time)
     counters: Counter[str] = Counter()
@@ -101,9 +92,5 @@ def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[
                    breakdown=broken[0] if broken else None)
 
 
-def _is_drift(name: str) -> bool:
-    return name.startswith("drift.")
-
-
 def _without_drift(side):
-    return {name: value for name, value in side.items() if not _is_drift(name)}
+    return {name: value for name, value in side.items() if not name.startswith(DRIFT)}

@@ -13,71 +13,56 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.coulomb import equal_mobilization, split_between_corners
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace, workspace
-from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism, Workspace
 from stiction.scenes import InputError
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.model import Translational
 
-CORNER_COLUMNS, GUIDE_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower",
-                                 "friction_upper"), ("displacement", "slip_velocity")
-DRIFT_COLUMNS = ("position", "velocity")
+CORNER_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower", "friction_upper")
+GUIDE_COLUMNS, DRIFT_COLUMNS = ("displacement", "slip_velocity"), ("position", "velocity")
 
 
 def build_columns(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray,
                   force: np.ndarray, slip: np.ndarray | None = None,
                   names: Collection[str] | None = None) -> dict[str, np.ndarray]:
-    """Columns of a trajectory (names: `stiction.scenes.Trajectory`).
+    """Columns of a trajectory (names: `stiction.scenes.Trajectory`); all where `names` is None.
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-    q, v, a : ndarray, shape (n, 3 * bodies)
-    force : ndarray, shape (n, rows + frictional)
-        Row forces: multipliers in the order of `mechanism.row_names`, then the frictions on the sliders.
-    slip : ndarray of int, shape (n, frictional), optional
-        Contact modes (d; 0 = stick). Without them the corner forces are those of equal mobilization throughout
-        and there is no column ``mode``.
-    names : Collection of str, optional
-        The columns that are wanted; all where None.
+    `q`, `v` and `a` are (n, 3 * bodies). `force`, (n, rows + frictional): multipliers in the order of
+    `mechanism.row_names`, then the frictions on the sliders. `slip`, (n, frictional): contact modes (d; 0 = stick);
+    without them the corner forces are those of equal mobilization throughout and there is no column ``mode``.
     """
+    def are_wanted(prefix: str, labels: Sequence[str]) -> bool:
+        return names is None or any(f"{prefix}.{label}" in names for label in labels)
+
+    m = mechanism.arrays
     read: dict[str, np.ndarray] = {}
     for i, name in enumerate(mechanism.body_names):
-        if names is None or any(wanted.startswith(f"{name}.") for wanted in names):
-            for values, labels in zip((q, v, a), BODY_COLUMNS):
-                for k, label in enumerate(labels):
-                    read[f"{name}.{label}"] = values[:, 3 * i + k]
+        for values, labels in zip((q, v, a), BODY_COLUMNS):
+            read.update({f"{name}.{label}": values[:, 3 * i + k] for k, label in enumerate(labels)})
     for r, name in enumerate(mechanism.row_names):
         read[name] = force[:, r]
     for i, name in enumerate(mechanism.guide_names):
-        read[f"{name}.friction"] = force[:, len(mechanism.row_names) + i]
+        read[f"{name}.friction"] = force[:, m.rows + i]
         if slip is not None:
             read[f"{name}.mode"] = slip[:, i].astype(np.int8)
     columns = {name: values.copy() for name, values in read.items() if names is None or name in names}
     for name, guide in mechanism.scene.guides.items():
-        if guide.length is not None and _are_wanted(names, name, CORNER_COLUMNS):
+        if guide.length is not None and are_wanted(name, CORNER_COLUMNS):
             columns.update(corner_columns(name, guide, read))
-    for k, name in enumerate([*mechanism.scene.joints, *mechanism.scene.drives]):
-        if mechanism.arrays.constraint[k]["kind"] == TRANSLATIONAL and _are_wanted(names, name, GUIDE_COLUMNS):
-            columns.update(zip((f"{name}.{label}" for label in GUIDE_COLUMNS), guide_motion(mechanism.arrays, k, q, v)))
-    if _are_wanted(names, "drift", DRIFT_COLUMNS):
-        m = mechanism.arrays
+    for k, name in enumerate(mechanism.scene.joints):
+        if m.constraint[k]["kind"] == TRANSLATIONAL and are_wanted(name, GUIDE_COLUMNS):
+            columns.update(zip((f"{name}.{label}" for label in GUIDE_COLUMNS), guide_motion(m, k, q, v)))
+    if are_wanted("drift", DRIFT_COLUMNS):
         norms = residual_norms(m, workspace(m), *(np.ascontiguousarray(values) for values in (t, q, v)))
         columns.update(zip((f"drift.{label}" for label in DRIFT_COLUMNS), norms))
     return columns if names is None else {name: columns[name] for name in names}
 
 
-def _are_wanted(names: Collection[str] | None, prefix: str, labels: Sequence[str]) -> bool:
-    return names is None or any(f"{prefix}.{label}" in names for label in labels)
-
-
 @kernel
 def write_sample(w: Workspace, y: Reals, dy: Reals, slip: Integers, motion: Table, force: Reals,
                  slips: Integers) -> None:
-    """A sample of the state y with the derivative dy, the forces in the workspace and the contact modes.
-
-    Motion of shape (3, 3 * bodies).
-    """
+    """A sample of the state y with the derivative dy, the forces in the workspace and the contact modes."""
     n = motion.shape[1]
     for i in range(n):
         motion[0, i], motion[1, i], motion[2, i] = y[i], y[n + i], dy[n + i]
@@ -147,12 +132,10 @@ def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tup
 
 @kernel(allocates=True)
 def imbalance(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, force: Table) -> tuple[Reals, Reals]:
-    """Remainder of Newton's and Euler's equations at times t (n,), and the largest term in them.
-
-    Both in sqrt(kg) m/s^2, as `dynamics.largest_force`.
+    """Remainder of Newton's and Euler's equations at times t (n,), and the largest term in them, sqrt(kg) m/s^2.
 
     q, v, a of shape (n, 3 * bodies); row forces as of `build_columns`. The largest over all coordinates, each in units
-    of the square root of its mobility: N and N m have no order.
+    of the square root of its mobility, as in `dynamics.largest_force`: N and N m have no order.
     """
     left, size, balanced = np.zeros(len(t)), np.zeros(len(t)), np.zeros(q.shape[1])
     for i in range(len(t)):
@@ -167,10 +150,7 @@ def imbalance(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, f
 
 
 def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinate of the slider's point along its guide, and its rate.
-
-    Constraint k, q and v of shape (n, 3 * bodies).
-    """
+    """Coordinate of the slider's point along its guide (constraint k), and its rate; q, v of shape (n, 3 * bodies)."""
     constraint = m.constraint[k]
 
     def absolute(body: int, px: float, py: float) -> tuple[np.ndarray | float, ...]:

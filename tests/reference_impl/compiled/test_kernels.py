@@ -86,19 +86,6 @@ class TestBundle:
         assert out.tolist() == (3 + 2 * b.table.sum(axis=0)).tolist()
         assert b.values.tolist() == [3.0, 4.0, 5.0, 1.0]
 
-    def test_a_kernel_sees_changes_of_an_arrays_values(self):
-        b, out = pair(), np.zeros(3)
-        b.table[:] = 1.0
-        transpose_times(b, out)
-        assert out.tolist() == [7.0, 7.0, 7.0]
-
-    @pytest.mark.parametrize("shape", [(0, 3), (1, 3), (5, 4)])
-    def test_any_shape(self, shape):
-        table, out = np.random.default_rng(0).random(shape), np.zeros(shape[1])
-        if shape[0]:
-            transpose_times(pair(table=table), out)
-            np.testing.assert_allclose(out, 3 + 2 * table.sum(axis=0), rtol=1e-14)
-
     def test_bundles_in_a_bundle(self):
         assert sum_of_parts(pair(parts=(pair(factor=1.5), pair(factor=4.0)))) == 5.5
         assert sum_of_parts(pair()) == 0.0
@@ -127,16 +114,11 @@ class TestBundle:
         assert arrays.friction.dtype == FRICTION and friction_of(arrays) == arrays.friction[0]["mu"] > 0
 
     @pytest.mark.parametrize("wrong", [{"table": np.zeros(3)}, {"table": np.zeros((2, 3), dtype=np.float32)}, {"table": np.zeros((3, 2)).T},
-                                       {"values": [1.0, 2.0]}, {"places": np.zeros(2)}, {"values": np.ones(8)[::2]}])
+                                       {"values": [1.0, 2.0]}, {"places": np.zeros(2)}, {"values": np.ones(8)[::2]},
+                                       {"values": np.frombuffer(bytes(32))}], ids=lambda wrong: next(iter(wrong)))
     def test_an_array_that_is_not_what_its_field_says_is_refused(self, wrong):
         with pytest.raises(TypeError, match=rf"Pair.{next(iter(wrong))}: found .* expected a contiguous"):
             pair(**wrong)
-
-    def test_memory_that_must_not_be_written_is_refused(self):
-        values = np.ones(4)
-        values.flags.writeable = False
-        with pytest.raises(TypeError, match="Pair.values"):
-            pair(values=values)
 
     def test_missing_and_unknown_fields_are_refused(self):
         with pytest.raises(TypeError, match="expected factor, count, table"):
@@ -161,11 +143,6 @@ class TestBundle:
         assert other.table is b.table and (b.factor, other.factor) == (2.0, 5.0)
         with pytest.raises(TypeError, match="Pair: found .*share; expected factor"):
             b.replaced(share=1.0)
-
-    def test_a_workspace_of_a_mechanism_is_one(self):
-        mechanism = Mechanism(load_scene("slider-bar-case-1"))
-        w = pickle.loads(pickle.dumps(workspace(mechanism.arrays)))
-        assert w.G.shape == (mechanism.arrays.rows + 1,) * 2
 
 
 @kernel
@@ -213,7 +190,7 @@ class TestLinked:
             called, ahead = {{kernel.name for kernel in linked_kernels() if kernel.is_linked}}, {{kernel.name for kernel in event_kernels({friction}, {not friction})}}
             assert called == ahead, called ^ ahead
             print(right_hand_side.right_hand_side.is_linked, hlcp.solve.is_linked, mode_choice.choose_mode.is_linked,
-                  frozen_mode._solve_cells.is_linked, uniqueness._respond_banded.is_linked)
+                  frozen_mode.solve_cells.is_linked, uniqueness._respond_banded.is_linked)
             """)
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr

@@ -107,7 +107,7 @@ def rays(tables, at_rest=True):
             w = workspace(m)
             row_form(m, w, 0.0, q, 0 * v if at_rest else v)
             slip = np.sign(w.slip_speed).astype(np.int64)
-            _, _, _, outcome, _ = hlcp.solve(m, w, slip, slip == 0)
+            _, _, _, outcome, _ = hlcp.solve(m, w, slip)
             solved, ended = solved + (outcome == SOLVED), ended + (outcome == SOLVED and w.counters["lemke_rays"] > 0)
     return solved, ended
 
@@ -126,8 +126,8 @@ def test_lemke_ends_without_a_solution_where_friction_is_extreme_only(at_rest):
                                                  (1, 0.1, 9), (1, 7.7, 9), (1, 8.0, 9)])
 def test_hlcp_of_the_slider_bar(case, t, size):
     m, w, slip, true = slider_bar_at(t, case)
-    A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip, slip == 0)
-    force, y, x, outcome, *_ = hlcp.solve(m, w, slip, slip == 0)
+    A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip)
+    force, y, x, outcome, *_ = hlcp.solve(m, w, slip)
     assert len(b) == size and outcome == SOLVED
     assert hlcp.residual(A0, A1, b, y, x) < 1e-12  # rounding
     solutions = complementary_solutions(A0, A1, b)
@@ -142,7 +142,7 @@ def test_hlcp_of_the_slider_bar(case, t, size):
 
 def test_without_friction_the_lcp_matrix_is_the_identity():
     m, w, _, _ = slider_bar_at(1.3, **{"guide.mu": 0, "guide.mus": 0})
-    A0, A1, *_ = hlcp.assemble(m, w, np.array([1]), np.array([False]))
+    A0, A1, *_ = hlcp.assemble(m, w, np.array([1]))
     np.testing.assert_allclose(np.linalg.solve(A0, A1), np.eye(5), atol=1e-12)
 
 
@@ -162,7 +162,7 @@ def incline(mass=1.0, length=0.6, width=0.5, mu=0.2, mus=0.3, tilt=20.0, g=9.81)
 def test_block_on_an_incline_at_rest(tilt):
     """The problem on which a covering vector of ones ends on a ray; the angle of friction is 16.699 degrees."""
     m, w = incline(tilt=tilt)
-    force, y, x, outcome, *_ = hlcp.solve(m, w, np.array([0]), np.array([True]))
+    force, y, x, outcome, *_ = hlcp.solve(m, w, np.array([0]))
     assert outcome == SOLVED
     normal, along = 9.81 * np.cos(np.deg2rad(tilt)), 9.81 * np.sin(np.deg2rad(tilt))
     assert force[0] == pytest.approx(normal, rel=1e-12)
@@ -174,17 +174,17 @@ def test_block_on_an_incline_at_rest(tilt):
 def test_solution_scales_with_mass_and_length(mass, length):
     """Forces grow with the mass; lengths do not enter forces, with them moments grow."""
     for tilt in (10.0, 30.0):
-        unit, scaled = (hlcp.solve(*block, np.array([0]), np.array([True])) for block in (
+        unit, scaled = (hlcp.solve(*block, np.array([0])) for block in (
             incline(tilt=tilt), incline(mass, 0.6 * length, 0.5 * length, tilt=tilt)))
         assert scaled[3] == SOLVED
         np.testing.assert_allclose(scaled[0][[0, 2]], mass * unit[0][[0, 2]], rtol=1e-9)
         np.testing.assert_allclose(scaled[0][1], mass * length * unit[0][1], rtol=1e-9, atol=1e-12 * mass * length)
 
 
-def consistent_modes(m, w, slip, stuck):
+def consistent_modes(m, w, slip):
     """Row forces of every consistent contact mode, once each."""
     found = []
-    for force in consistent_forces(m, w, slip, stuck)[0]:
+    for force in consistent_forces(m, w, slip)[0]:
         if not any(np.allclose(force, other, atol=1e-6) for other in found):
             found.append(force)
     return found
@@ -216,36 +216,16 @@ def test_search_of_modes_and_hlcp_find_the_one_solution(count):
         mechanism = Mechanism(stacked(random))
         m, w = mechanism.arrays, workspace(mechanism.arrays)
         row_form(m, w, 0.0, *mechanism.initial_state())
-        stuck = np.abs(w.slip_speed) < 1e-12
-        slip = np.sign(w.slip_speed).astype(np.int64)
-        solutions = consistent_modes(m, w, slip, stuck)
+        slip = np.where(np.abs(w.slip_speed) < 1e-12, 0, np.sign(w.slip_speed)).astype(np.int64)
+        solutions = consistent_modes(m, w, slip)
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, 3), dtype=np.int64)
-        assert consistent(m, w, slip, stuck, forces, directions) == bool(solutions)
-        solved, y, x, outcome, *_ = hlcp.solve(m, w, slip, stuck)
+        assert consistent(m, w, slip, forces, directions) == bool(solutions)
+        solved, y, x, outcome, *_ = hlcp.solve(m, w, slip)
         assert (outcome == SOLVED) == bool(solutions)
         if len(solutions) == 1:
             unique += 1
             np.testing.assert_allclose(forces[0], solutions[0], atol=1e-8)
             np.testing.assert_allclose(solved, solutions[0], atol=1e-8)
-            A0, A1, b, *_ = hlcp.assemble(m, w, slip, stuck)
+            A0, A1, b, *_ = hlcp.assemble(m, w, slip)
             assert hlcp.residual(A0, A1, b, y, x) < 1e-10
     assert unique > 2 * count / 3  # else this tested nothing
-
-
-def test_variables_of_a_mode_solve_the_hlcp():
-    """y and x built from the forces of a contact mode satisfy eqs. (36)-(38), hyperstatic corner forces included."""
-    random = np.random.default_rng(6)
-    for _ in range(100):
-        mechanism = Mechanism(stacked(random))
-        m, w = mechanism.arrays, workspace(mechanism.arrays)
-        row_form(m, w, 0.0, *mechanism.initial_state())
-        stuck = np.abs(w.slip_speed) < 1e-12
-        slip = np.sign(w.slip_speed).astype(np.int64)
-        forces, directions = np.zeros((1, len(w.force))), np.zeros((1, 3), dtype=np.int64)
-        if consistent(m, w, slip, stuck, forces, directions):
-            force, direction = forces[0], directions[0]
-            A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip, stuck)
-            y, x = np.zeros(len(b)), np.zeros(len(b))
-            hlcp._variables(m, w, stuck, force, direction, y, x)
-            assert hlcp.residual(A0, A1, b, y, x) < 1e-9
-            np.testing.assert_allclose(E0 @ y + E1 @ x, force, atol=1e-9)

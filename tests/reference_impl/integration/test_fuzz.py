@@ -51,12 +51,12 @@ def verify_start(scene):
     row_form(m, w, 0.0, q, v)
     stuck = np.abs(w.slip_speed) <= 1e-11 * max(np.max(np.abs(v)), 1e-300)
     slip = np.where(stuck, 0, np.sign(w.slip_speed)).astype(np.int64)
-    force, y, x, outcome, *_ = hlcp.solve(m, w, slip, stuck)
-    every = consistent_forces(m, w, slip, stuck)
+    force, y, x, outcome, *_ = hlcp.solve(m, w, slip)
+    every = consistent_forces(m, w, slip)
     if outcome == NONE and every is not None:
         assert not (len(every[0]) and every[1]), "a solution exists"
     if outcome == SOLVED:
-        A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip, stuck)
+        A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip)
         assert np.all(np.isfinite(force)) and np.all(y >= 0) and np.all(x >= 0) and np.all(y * x == 0)
         unit = equation_units(m, w, stuck)
         terms = (np.abs(A0) @ y + np.abs(A1) @ x + np.abs(b)) * unit

@@ -14,7 +14,6 @@ from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.friction.mode_choice import choose_mode
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import DENSE, MOST_ROWS, Mechanism
 from stiction.reference_impl.multibody.subsystems import independent_parts
@@ -200,25 +199,3 @@ class TestMemory:
         (short, few), (long, many) = (self.peak(scene, t_end=t, output_step=t / 50, rtol=1e-10, stabilization="none") for t in (5.0, 100.0))
         assert many["steps"] > 10 * few["steps"]
         assert long < 1.1 * short
-
-
-def content(arrays):
-    """All that kernels see of a mechanism, its cells included."""
-    return [[content(cell) for cell in value] if isinstance(value, tuple) else (value.dtype, value.shape, value.tobytes()) if isinstance(value, np.ndarray) else value
-            for value in arrays]
-
-
-@pytest.mark.parametrize("change", [
-    {"load1.amplitude": 4.0}, {"load1.law": {"type": "table", "times": [0, 1, 2], "values": [0, 1, 0], "interpolation": "cubic"}}, {"gravity": None},
-    {"guide2.mu": 0.01}, {"guide2.length": None, "guide2.width": None}, {"guide2.mu": None, "guide2.mus": None}, {"bar0.mass": 7.0}, {"bar0": None, "pin0": None, "motor0": None},
-    {"bar0.position.0": 1.3}, {"link1.stiffness": 2.0}, {"motor1.rate": 0.5}, {"pin1.points.0.0": -0.9}, {"stabilization": {"method": "none"}}], ids=lambda change: " ".join(change))
-@pytest.mark.parametrize("n", [3, 6], ids=["dense", "cells"])
-def test_the_mechanism_of_a_varied_scene_is_that_of_the_scene_read_anew(n, change):
-    scene = sprung_chain(n)
-    assert bool(Mechanism(scene).arrays.separate) == (n == 6)
-    scene_varied = vary(scene, change)
-    varied, read = Mechanism(scene_varied, "projection"), Mechanism(scene_from_dict(scene_varied._raw), "projection")
-    assert content(varied.arrays) == content(read.arrays)
-    assert (varied.body_names, varied.guide_names, varied.row_names) == (read.body_names, read.guide_names, read.row_names)
-    assert varied.stabilization == read.stabilization
-    assert content(consistent_start(varied, assemble=True)) == content(consistent_start(read, assemble=True))

@@ -24,25 +24,22 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.mujoco.contact import SIDES, Softness, slip_damping, slip_reference, surface
+from stiction.engines.mujoco.contact import SIDES, slip_damping, slip_reference, surface
 from stiction.engines.mujoco.loads import ROTOR
-from stiction.engines.mujoco.mjcf import NOSLIP, START, Options, joint_name, mjcf
+from stiction.engines.mujoco.mjcf import HARDEST, START, joint_name, mjcf
 from stiction.engines.protocol import EngineFailure, Refused, accepted
 from stiction.engines.shared.acceleration_integrator import TreeAccelerations
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import Defaults, settings_of
 from stiction.engines.shared.friction_bound import CAPPED, CONTACT
-from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper, motor_link
+from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene
-from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Translational
 
 DEEPEST = 495
 """Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
-HARDEST = 0.9999
-"""Impedance of what is to be hard: MuJoCo's own limit."""
 _SETTINGS: Mapping[str, Defaults] = {
     "joint": {"iterations": 20, "passes": 2, "impedance": HARDEST, "solver": ("PGS", "Newton", "CG"),
               "noslip": ("on", "off"),
@@ -149,22 +146,7 @@ def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **opti
     options = settings_of(options, _SETTINGS[fidelity], MujocoEngine.name, fidelity)
     if reason := MujocoEngine().refusal(scene, fidelity):
         raise Refused(reason)
-    return _written(scene, LinkTree(scene, fidelity), timestep, fidelity, options, loaded=True)
-
-
-def _written(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any], *,
-             loaded: bool = False) -> str:
-    """The MJCF of a scene that is not refused; without loads unless `loaded`, as the adapter applies them."""
-    driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values()
-              for link, sign in [motor_link(scene, tree, drive)]}
-    if fidelity == "joint":
-        softness, own = None, (options["impedance"], options["solver"], options["integrator"],
-                               NOSLIP * (options["noslip"] == "on"))
-    else:
-        softness = Softness(*(options[name] for name in ("impedance", "recovery", "clearance", "time_constant")))
-        own = (HARDEST, options["solver"], "Euler",
-               *(options[name] for name in ("noslip_iterations", "cone", "impratio")))
-    return mjcf(scene, tree, driven, Options(timestep, options["iterations"], *own), softness, loaded)
+    return mjcf(scene, LinkTree(scene, fidelity), timestep, fidelity, options, loaded=True)
 
 
 def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any]) -> tuple[Any, Any]:
@@ -172,7 +154,7 @@ def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options
     import mujoco
 
     try:
-        model = mujoco.MjModel.from_xml_string(_written(scene, tree, timestep, fidelity, options))
+        model = mujoco.MjModel.from_xml_string(mjcf(scene, tree, timestep, fidelity, options))
     except ValueError as error:  # MuJoCo's own limits, as of masses
         raise EngineFailure(f"mujoco: {error}") from error
     found = [model.joint(i).name for i in range(model.njnt)]

@@ -242,7 +242,10 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
         self._k = 0
         self.position[:], self.velocity[:] = position, velocity
         self.put(position, velocity)
-        self.friction.forget(position, velocity)
+        guides = self.friction.guides  # whose stick is left open where they do not slip
+        guides["slip_speed"] = self.slip_speeds()
+        guides["stuck"] = guides["change"] = 0
+        self.friction.begin()
         self.begin()
 
     def rub(self, coefficients: Sequence[float]) -> None:

@@ -231,7 +231,7 @@ class _ContactStepper(ContactStepper, _Stepper):
             places = [int(model.sensor(surface(name, side)).adr[0]) for side in SIDES]
             self._guides.append((pairs, places, *direction_of(guide), self._mass_along(guide)))
         velocities = [scene.bodies[guide.slider].velocity for guide in scene.frictional_guides.values()]
-        self._speeds = [ux * vx + uy * vy for (_, _, ux, uy, _), (vx, vy) in zip(self._guides, velocities)]
+        self._slip = [ux * vx + uy * vy for (_, _, ux, uy, _), (vx, vy) in zip(self._guides, velocities)]
         self._wanted = [0.0] * len(self._guides)
 
     def _mass_along(self, guide: Translational) -> float:
@@ -249,7 +249,7 @@ class _ContactStepper(ContactStepper, _Stepper):
     def rub(self, coefficients: Sequence[float]) -> None:
         bounds, references, h, self._coefficients = self._bounds, self._references, self.h, coefficients
         for i, (pairs, *_) in enumerate(self._guides):
-            damping = -self._impedance * (slip_damping(self._wanted[i], self._speeds[i], h) if self._adapted
+            damping = -self._impedance * (slip_damping(self._wanted[i], self._slip[i], h) if self._adapted
                                           else 1.0 / h)
             for pair in pairs:
                 # of five: two directions, and rotations, which have none
@@ -268,11 +268,11 @@ class _ContactStepper(ContactStepper, _Stepper):
 
     def advance(self, caps: Sequence[float]) -> None:
         super().advance(caps)
-        data, before = self.friction.data, self._speeds
-        loads, self._speeds = data.loads.tolist(), data.slip_speeds.tolist()
+        guides, before = self.friction.guides, self._slip
+        bounds, self._slip = guides["cap"].tolist(), guides["slip_speed"].tolist()
         for i, (*_, mass) in enumerate(self._guides):
-            sense, bound = copysign(1.0, self._speeds[i]), loads[i] / mass
-            gained = sense * (self._speeds[i] - before[i]) / self.h
+            sense, bound = copysign(1.0, self._slip[i]), bounds[i] / mass
+            gained = sense * (self._slip[i] - before[i]) / self.h
             # of itself: it recruits of the normal force what a reference of its size does
             driven = max(gained - sense * self._along[i] / mass, 0.0)
             self._wanted[i] = max(self._times(self._coefficients[i]) * max(bound, -gained) - driven, 0.0)

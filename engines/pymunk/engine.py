@@ -342,7 +342,7 @@ class _ContactStepper(_PymunkStepper):
         pairs = 2 * len(scene.guides)
         self._arbiters, impulse, touching = _buffer(4 * pairs, 2 * pairs)
         self._contacts = SpaceContacts(
-            contacts=self.friction.data, step=self._state.data, along=np.array(directions).reshape(-1, 2),
+            guides=self.friction.guides, step=self._state.data, along=np.array(directions).reshape(-1, 2),
             touching=touching[:2 * pairs].reshape(pairs, 2), impulse=impulse[:4 * pairs].reshape(pairs, 4),
             slider=np.array([list(scene.bodies).index(guide.slider) for guide in scene.frictional_guides.values()],
                             dtype=np.int64),

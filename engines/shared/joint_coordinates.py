@@ -2,7 +2,7 @@
 
 A step from t to t + h solves for the accelerations at q(t) under the loads at t, then v(t+h) = v(t) + h a and
 q(t+h) = q(t) + h v(t+h). So a sample at t holds the acceleration of the step that begins at t. A motor holds the rate
-of a drive's law, constant or such that each step ends on the law; `driven_link` says which joints can have one.
+of a drive's law, constant or such that each step ends on the law; `motor_link` says which joints can have one.
 """
 
 from __future__ import annotations
@@ -15,42 +15,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from stiction.engines.protocol import Refused
+from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import Sample, Stepper
-from stiction.engines.shared.friction_bound import ContactFriction, FrictionBound, GuideFriction
+from stiction.engines.shared.friction_bound import CoefficientSwitch, FrictionBound, GuideFriction
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.step_kernels import JointStep, begin_joints, finish_joints, motion
+from stiction.engines.shared.step_kernels import JointStep, begin_joints, finish_contacts, finish_joints, motion
 from stiction.reference_impl.compiled.kernel import bound, link_kernels
 from stiction.scenes import Scene
 from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
-from stiction.scenes.model import Drive, Translational
-
-
-def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
-    """Why a tree with motors cannot represent the scene; None if it can."""
-    for name in tree.loops:
-        if isinstance(scene.joints[name], Translational):
-            return f"joints.{name}: closes a loop; the {engine} adapter closes loops by revolute joints only"
-    motors: dict[int, str] = {}
-    for name, drive in scene.drives.items():
-        if isinstance(found := driven_link(scene, tree, drive), str):
-            return f"drives.{name}: the {engine} adapter {found}"
-        if (other := motors.setdefault(found[0], name)) != name:
-            return f"drives.{name}: drives the same joint as drives.{other}"
-    return None
-
-
-def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] | str:
-    """The link whose joint coordinate a drive prescribes, and its sign; or, behind the adapter's name, why none."""
-    if drive.type == "angle":
-        hinges = tree.hinge_between(*drive.bodies)
-        if len(hinges) == 1:
-            return hinges[0]
-        return f"drives one hinge at a time, this angle is that of {len(hinges)} hinges"
-    if drive.axis is not None and (found := link_along(scene, tree, drive.bodies, drive.axis)) is not None:
-        if tree.links[found[0]].joint in scene.frictional_guides:
-            return "has one motor a joint, and the guide's friction needs it"
-        return found
-    return "drives distances only along a guide between the same two bodies, as its axis"
+from stiction.scenes.model import Drive
 
 
 def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
@@ -59,10 +32,17 @@ def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
     Raises
     ------
     Refused
-        If there is none; see `driven_link`.
+        If there is none; the words go on from the name of an adapter.
     """
-    if isinstance(found := driven_link(scene, tree, drive), str):
-        raise Refused(found)
+    if drive.type == "angle":
+        hinges = tree.hinge_between(*drive.bodies)
+        if len(hinges) == 1:
+            return hinges[0]
+        raise Refused(f"drives one hinge at a time, this angle is that of {len(hinges)} hinges")
+    if drive.axis is None or (found := link_along(scene, tree, drive.bodies, drive.axis)) is None:
+        raise Refused("drives distances only along a guide between the same two bodies, as its axis")
+    if tree.links[found[0]].joint in scene.frictional_guides:
+        raise Refused("has one motor a joint, and the guide's friction needs it")
     return found
 
 
@@ -212,11 +192,15 @@ class ContactStepper(TreeStepper):
     """Steps of a tree whose sliders contacts hold; to be derived from together with an engine's `TreeStepper`."""
 
     fidelity = "contact"
-    friction: ContactFriction
+    friction: CoefficientSwitch
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], *engine: Any):
         super().__init__(scene, h, options, *engine)
-        self.friction = ContactFriction(scene, self.tree)
+        self.friction = CoefficientSwitch(scene)
+        places = {name: 3 * i for i, name in enumerate(scene.bodies)}
+        self._axes = [(places[guide.slider], *direction_of(guide)) for guide in scene.frictional_guides.values()]
+        self._still = np.zeros(len(self.tree.links))
+        self._last_step = tuple(self.friction.guides[name] for name in ("cap", "held", "slip_speed"))
 
     @abstractmethod
     def rub(self, coefficients: Sequence[float]) -> None:
@@ -226,9 +210,17 @@ class ContactStepper(TreeStepper):
     def contact_forces(self) -> tuple[Sequence[float], Sequence[float]]:
         """Per frictional guide: sums of the magnitudes of its contacts' normal and tangential forces (N)."""
 
+    def slip_speeds(self) -> list[float]:
+        """Per frictional guide: the present slip speed (m/s)."""
+        _, v, _ = self.tree.motion(self.position, self.velocity, self._still)
+        return [ux * v[place] + uy * v[place + 1] for place, ux, uy in self._axes]
+
     def advance(self, caps: Sequence[float]) -> None:
         coefficients = self.friction.coefficients()
         self.rub(coefficients)
         super().advance(caps)
         if coefficients:
-            self.friction.observe(self.position, self.velocity, coefficients, *self.contact_forces())
+            (caps_of_contacts, held, slip_speeds), (normals, frictions) = self._last_step, self.contact_forces()
+            for i, speed in enumerate(self.slip_speeds()):
+                caps_of_contacts[i], held[i], slip_speeds[i] = coefficients[i] * normals[i], frictions[i], speed
+            finish_contacts(self.friction.guides)

@@ -31,11 +31,14 @@ LOOK_AHEAD = 1.5
 """A reversal is expected within this many steps at the last step's change of velocity."""
 
 GUIDE = np.dtype([*((name, float) for name in ("mu", "mus", "length", "width", "normal_force", "moment", "friction",
-                                               "slip_speed", "slip_speed_before", "change", "coefficient", "cap")),
+                                               "held", "slip_speed", "slip_speed_before", "change", "coefficient",
+                                               "cap")),
                   *((name, np.int64) for name in ("stuck", "landed", "mode", "mode_before"))])
 """A frictional guide (m; length 0 where it has none) and its state in the last step (N, N m, m/s).
 
-`change` is that of the slip speed in the step; `mode` is -1, 0 (stick) or 1 in it, `mode_before` in the one before."""
+`held` is the magnitude of its friction, as the engine has it, `cap` the largest that it may have: the bound of its
+joint, or the sum of those of its contacts. `change` is that of the slip speed in the step; `mode` is -1, 0 (stick) or 1
+in it, `mode_before` in the one before."""
 Guides = Annotated[np.ndarray, GUIDE, 1]
 
 
@@ -74,26 +77,12 @@ class Balance(Bundle):
 
 
 class Cap(Bundle):
-    """Guides whose friction is capped, of a balance: attempts at an undecided step, caps and frictions held (N)."""
+    """Guides whose friction is capped, of a balance, with the number of attempts at an undecided step."""
 
     balance: Balance
     guides: Guides
     passes: int
     attempts: Attempts
-    caps: Reals
-    held: Reals
-
-
-class Contacts(Bundle):
-    """Guides whose friction the engine finds itself, and the last step of each.
-
-    Sums over the contacts of the largest possible and of the actual magnitude of friction (N), and slip speeds (m/s).
-    """
-
-    guides: Guides
-    loads: Reals
-    frictions: Reals
-    slip_speeds: Reals
 
 
 class Tree(Bundle):
@@ -136,14 +125,14 @@ class SpaceStep(Bundle):
 
 
 class SpaceContacts(Bundle):
-    """Contacts of an engine that reports them two bodies at a time.
+    """Contacts, by which guides rub, of an engine that reports them two bodies at a time.
 
     By frictional guide: the body of the slider, the engine's name of it (`identity`), the unit vector of the guide
     (`along`). By pair: names of the two bodies (`touching`), and the `impulse` of the step (N s): x, y, and the
     contact's normal; zero where there is no such pair.
     """
 
-    contacts: Contacts
+    guides: Guides
     step: SpaceStep
     slider: Integers
     identity: Annotated[np.ndarray, np.uint64, 1]
@@ -298,7 +287,6 @@ def _set_caps(cap):
         guide.cap = guide.coefficient * normal_load(guide, guide.normal_force, guide.moment, kappa)
         if not isfinite(guide.cap):
             raise FloatingPointError("a reaction is not finite")
-        cap.caps[i] = guide.cap
 
 
 @kernel
@@ -322,7 +310,7 @@ def _judge(cap, a):
     guides, balance, m, attempts = cap.guides, cap.balance, cap.balance.m, cap.attempts
     for i in range(len(guides)):
         guide = guides[i]
-        guide.stuck = int(cap.held[i] < guide.cap * SATURATED)
+        guide.stuck = int(guide.held < guide.cap * SATURATED)
         balance.known[i] = np.nan if guide.stuck else -_sign(guide.slip_speed) * guide.cap
     row_forces(balance, a)
     for i in range(len(guides)):
@@ -348,21 +336,20 @@ def _judge(cap, a):
 
 
 @kernel
-def begin_contacts(contacts: Contacts) -> None:
-    """Begin the first step of contacts."""
-    _choose(contacts.guides)
+def begin_contacts(guides: Guides) -> None:
+    """Begin the first step of guides whose friction the engine's contacts find."""
+    _choose(guides)
 
 
 @kernel
-def finish_contacts(contacts: Contacts) -> None:
-    """Take in a step of contacts; the next one has begun."""
-    guides, loads, frictions, slip_speeds = contacts.guides, contacts.loads, contacts.frictions, contacts.slip_speeds
+def finish_contacts(guides: Guides) -> None:
+    """Take in a step, of which these guides have `cap`, `held` and `slip_speed`; the next one has begun."""
     for i in range(len(guides)):
         guide = guides[i]
-        guide.stuck = int(frictions[i] < loads[i] * SATURATED or not guide.landed)
-        guide.landed = int(guide.landed or loads[i] > 0.0)
-        guide.change, guide.slip_speed = slip_speeds[i] - guide.slip_speed, slip_speeds[i]
-        guide.friction = -_sign(slip_speeds[i]) * frictions[i]
+        guide.stuck = int(guide.held < guide.cap * SATURATED or not guide.landed)
+        guide.landed = int(guide.landed or guide.cap > 0.0)
+        guide.change = guide.slip_speed - guide.slip_speed_before
+        guide.friction = -_sign(guide.slip_speed) * guide.held
         _tell_mode(guide)
     _choose(guides)
 
@@ -370,18 +357,19 @@ def finish_contacts(contacts: Contacts) -> None:
 @kernel
 def finish_space_contacts(touch: SpaceContacts) -> None:
     """Take in a step, and forget its impulses; the next one has begun."""
-    contacts, step, touching, impulse = touch.contacts, touch.step, touch.touching, touch.impulse
-    for i in range(len(contacts.guides)):
+    guides, step, touching, impulse = touch.guides, touch.step, touch.touching, touch.impulse
+    for i in range(len(guides)):
+        guide = guides[i]
         along, across, v = 0.0, 0.0, 3 * touch.slider[i]
         for k in range(len(touching)):
             if touching[k, 0] == touch.identity[i] or touching[k, 1] == touch.identity[i]:
                 jx, jy, nx, ny = impulse[k, 0], impulse[k, 1], impulse[k, 2], impulse[k, 3]
                 along += abs(nx * jx + ny * jy)
                 across += abs(nx * jy - ny * jx)
-        contacts.loads[i], contacts.frictions[i] = contacts.guides[i].coefficient * along / step.h, across / step.h
-        contacts.slip_speeds[i] = touch.along[i, 0] * step.v[v] + touch.along[i, 1] * step.v[v + 1]
+        guide.cap, guide.held = guide.coefficient * along / step.h, across / step.h
+        guide.slip_speed = touch.along[i, 0] * step.v[v] + touch.along[i, 1] * step.v[v + 1]
     impulse[:] = 0.0
-    finish_contacts(contacts)
+    finish_contacts(guides)
 
 
 @kernel

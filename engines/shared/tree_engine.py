@@ -9,13 +9,15 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Any, ClassVar
 
+from stiction.engines.protocol import Refused
 from stiction.engines.shared.acceleration_integrator import METHOD, TreeAccelerations, integrate, tolerance_of
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import SteppedEngine
 from stiction.engines.shared.inconsistent_start import refuse_off
-from stiction.engines.shared.joint_coordinates import tree_refusal
+from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene, Trajectory
+from stiction.scenes.model import Translational
 
 
 class TreeEngine(SteppedEngine):
@@ -44,8 +46,18 @@ class TreeEngine(SteppedEngine):
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene)):
             return reason
-        tree = LinkTree(scene, fidelity)
-        return tree_refusal(scene, tree, self.called) or self.refusal_of_tree(scene, tree)
+        tree, motors = LinkTree(scene, fidelity), dict[int, str]()
+        for name in tree.loops:
+            if isinstance(scene.joints[name], Translational):
+                return f"joints.{name}: closes a loop; the {self.called} adapter closes loops by revolute joints only"
+        for name, drive in scene.drives.items():
+            try:
+                link, _ = motor_link(scene, tree, drive)
+            except Refused as reason:
+                return f"drives.{name}: the {self.called} adapter {reason}"
+            if (other := motors.setdefault(link, name)) != name:
+                return f"drives.{name}: drives the same joint as drives.{other}"
+        return self.refusal_of_tree(scene, tree)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         """Why this engine cannot represent a tree of links that others can; None if it can."""

@@ -14,7 +14,7 @@ from stiction.engines import load_engine
 from stiction.engines.exudyn.engine import scene_as_script
 from stiction.engines.mujoco.engine import scene_as_mjcf
 from stiction.engines.pybullet.urdf import urdf
-from stiction.engines.shared.joint_coordinates import driven_link
+from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.scenes import load_scene
@@ -165,7 +165,7 @@ def test_the_urdf_makes_the_motion_of_the_adapter(name, t_end, tmp_path, capfd):
             move(link, 0.0, 0.0)
             pybullet.resetJointState(model, order[link], *start, **here)
         for drive in scene.drives.values():  # lines, all of them
-            link, sign = driven_link(scene, tree, drive)
+            link, sign = motor_link(scene, tree, drive)
             move(link, sign * evaluate_law(drive.law, 0.0)[1], 1e9)
         for k in range(steps):
             states = np.array([pybullet.getJointState(model, joint, **here)[:2] for joint in order])

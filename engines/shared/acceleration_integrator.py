@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -30,7 +30,7 @@ from stiction.reference_impl.friction.coulomb import friction_coefficients
 from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import Cost, Event, InputError, Scene, Trajectory
+from stiction.scenes import Cost, Event, Scene, Trajectory
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.trajectory import rows_of
 
@@ -162,6 +162,11 @@ class _Frictional:
         event_functions(m, w, mode.slip, mode.corner)
         return _Instant(second + per_newton @ friction, friction, w.event.reshape(count, 3).copy())
 
+    def sample(self, t: float, y: np.ndarray, mode: _Mode) -> tuple[Any, ...]:
+        """Time, coordinates, velocities and accelerations of the bodies, modes and frictions at an instant."""
+        instant, (x, rate) = self.at(t, y, mode), np.split(y, 2)
+        return t, *self.engine.motion(t, x, rate, instant.second), mode.slip.copy(), instant.friction
+
     def slip_speed(self, y: np.ndarray) -> np.ndarray:
         """Slip speeds of the frictional guides, m/s."""
         return self.engine.signs * y[len(y) // 2:][self.engine.guides]
@@ -203,33 +208,6 @@ class _Frictional:
         return end, -1
 
 
-class _Record:
-    """States, accelerations, frictions and modes at instants; columns of them."""
-
-    def __init__(self, scene: Scene, mechanism: _Frictional):
-        self._scene, self._mechanism = scene, mechanism
-        self.t: list[float] = []
-        self._rows: list[tuple[np.ndarray, ...]] = []
-
-    def add(self, t: float, y: np.ndarray, mode: _Mode) -> None:
-        instant = self._mechanism.at(t, y, mode)
-        self.t.append(t)
-        x, rate = np.split(y, 2)
-        motion = self._mechanism.engine.motion(t, x, rate, instant.second)
-        self._rows.append((*motion, instant.friction, mode.slip.copy()))
-
-    def columns(self) -> dict[str, np.ndarray]:
-        q, v, a, friction, slip = (np.array(part) for part in zip(*self._rows))
-        return columns_of_motion(self._scene, np.array(self.t), q, v, a, slip, friction)
-
-
-def tolerance_of(dt: float | None, rtol: float | None, fidelity: str, settings: Mapping[str, Any]) -> float:
-    """Return the tolerance; InputError if there is a step, another fidelity than joint, or another setting."""
-    if dt is not None or fidelity != "joint" or len(settings) > 1:
-        raise InputError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
-    return DEFAULT_TOLERANCE if rtol is None else rtol
-
-
 def integrate(accelerations: TreeAccelerations, scene: Scene, engine: Engine, *, t_end: float, rtol: float,
               output_step: float, setup_s: float) -> Trajectory:
     """Integrate from t = 0 to t_end with local errors of rtol (1 + |x|), in m, rad and their rates.
@@ -248,7 +226,8 @@ def integrate(accelerations: TreeAccelerations, scene: Scene, engine: Engine, *,
     mechanism, names = _Frictional(accelerations, scene), list(scene.frictional_guides)
     compiled = time.process_time()
     accelerations.clock.start()
-    samples, sides = _Record(scene, mechanism), _Record(scene, mechanism)
+    samples: list[tuple[Any, ...]] = []
+    sides: list[tuple[Any, ...]] = []
     switches: list[tuple[str, str]] = []
     t, y, steps, idle = 0.0, np.concatenate(accelerations.start), 0, 0
     slip = np.sign(mechanism.slip_speed(y)).astype(np.int64)
@@ -270,7 +249,7 @@ def integrate(accelerations: TreeAccelerations, scene: Scene, engine: Engine, *,
                 curve = solver.dense_output()
                 end, event = mechanism.first_event(curve, t, solver.t, mode)
                 for instant in output[(output >= t) & (output < end)]:
-                    samples.add(instant, curve(instant), mode)
+                    samples.append(mechanism.sample(instant, curve(instant), mode))
                 t, y = end, curve(end) if event >= 0 else solver.y
             idle = idle + 1 if t <= started_at else 0
             if idle > _MOST_EVENTS:
@@ -279,28 +258,32 @@ def integrate(accelerations: TreeAccelerations, scene: Scene, engine: Engine, *,
                 continue
             guide, place = divmod(event, 3)
             slipped = mode.slip[guide]
-            sides.add(t, y, mode)
+            sides.append(mechanism.sample(t, y, mode))
             if slipped and place:
                 mode.corner[guide, place - 1] *= -1
                 mechanism.corners(t, y, mode, but=(guide, place - 1))
             else:
                 mechanism.at_rest(t, y, mode, guide, held=bool(slipped))
                 mechanism.corners(t, y, mode)
-            sides.add(t, y, mode)
+            sides.append(mechanism.sample(t, y, mode))
             switches.append((_kind(slipped, mode.slip[guide]), names[guide]))
-    samples.add(t, y, mode)
+    samples.append(mechanism.sample(t, y, mode))
     ended, engine_s = time.process_time(), accelerations.clock.engine_s
     events = []
     if switches:
-        rows = rows_of(sides.columns())
-        events = [Event(sides.t[2 * i], kind, guide, rows[2 * i], rows[2 * i + 1])
+        rows = rows_of(_columns(scene, sides))
+        events = [Event(sides[2 * i][0], kind, guide, rows[2 * i], rows[2 * i + 1])
                   for i, (kind, guide) in enumerate(switches)]
     return Trajectory(
-        scene=scene.name, engine=engine.name, version=engine.version, fidelity="joint", t=np.array(samples.t),
-        columns=samples.columns(),
-        events=tuple(events), settings={"rtol": rtol, "method": METHOD, "friction_law": FRICTION_LAW},
+        scene=scene.name, engine=engine.name, version=engine.version, fidelity="joint",
+        t=np.array([t for t, *_ in samples]), columns=_columns(scene, samples), events=tuple(events),
+        settings={"rtol": rtol, "method": METHOD, "friction_law": FRICTION_LAW},
         cost=Cost(setup_s, compiled - started, ended - compiled,
                   {"steps": steps, "rhs": mechanism.calls, "events": len(events)}, engine_s))
+
+
+def _columns(scene: Scene, samples: list[tuple[Any, ...]]) -> dict[str, np.ndarray]:
+    return columns_of_motion(scene, *(np.array(part) for part in zip(*samples)))
 
 
 def _kind(before: int, after: int) -> str:

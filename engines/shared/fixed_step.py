@@ -140,10 +140,7 @@ def settings_of(given: Mapping[str, Any], defaults: Defaults, engine: str, fidel
 
 @dataclass(frozen=True)
 class Grid:
-    """Instants of a run: `last` steps of `dt` seconds, each `every`-th of them an output.
-
-    The run ends at the multiple of the step that is nearest to `t_end`; for its outputs see `steps_between_outputs`.
-    """
+    """Instants of a run: `last` steps of `dt` seconds, each `every`-th of them an output."""
 
     dt: float
     last: int
@@ -151,7 +148,7 @@ class Grid:
 
     @staticmethod
     def of(t_end: float, dt: float, output_step: float) -> Grid:
-        """Return the grid of a run up to `t_end` with outputs `output_step` seconds from each other, at most."""
+        """Return the grid up to the multiple of dt nearest to `t_end`, with outputs `output_step` apart at most, s."""
         last = max(1, round(t_end / dt))
         return Grid(dt, last, steps_between_outputs(last, output_step / dt))
 
@@ -192,43 +189,39 @@ class SteppedEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         started = process_time()
-        h = step_of(dt, t_end)
+        grid, samples = Grid.of(t_end, step_of(dt, t_end), output_step), []
+        h, last, every = grid.dt, grid.last, grid.every
         options = settings_of(settings, self.defaults[fidelity], self.name, fidelity)
         refuse_off(scene)
         with self.stepper(scene, h, options, fidelity) as stepper:
-            return self._run_steps(stepper, scene, Grid.of(t_end, h, output_step), fidelity, options,
-                                   process_time() - started)
-
-    def _run_steps(self, stepper: Stepper, scene: Scene, grid: Grid, fidelity: str, settings: Mapping[str, Any],
-                   setup_s: float) -> Trajectory:
-        """Step over the grid and collect a trajectory."""
-        dt, last, every, samples, start = grid.dt, grid.last, grid.every, [], process_time()
-        try:
-            stepper.compile()
-            compile_s, start = process_time() - start, process_time()
-            stepper.clock.start()
-            for sample in islice(stepper.samples(every), last // every + 1):
-                if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
-                    raise FloatingPointError("a state is not finite")
-                samples.append(sample)
-        except FloatingPointError as error:
-            reached = max(len(samples) - 1, 0) * every * dt
-            raise EngineFailure(f"{self.name}: {error}, after t = {reached:g} s with dt = {dt:g} s") from error
-        stepping, engine_s, passes = process_time() - start, stepper.clock.engine_s, stepper.clock.calls
-        t = np.arange(0, last + 1, every) * dt
+            set_up = start = process_time()
+            try:
+                stepper.compile()
+                start = process_time()
+                stepper.clock.start()
+                for sample in islice(stepper.samples(every), last // every + 1):
+                    if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
+                        raise FloatingPointError("a state is not finite")
+                    samples.append(sample)
+            except FloatingPointError as error:
+                reached = max(len(samples) - 1, 0) * every * h
+                raise EngineFailure(f"{self.name}: {error}, after t = {reached:g} s with dt = {h:g} s") from error
+            passes = stepper.clock.calls
+            cost = Cost(set_up - started, start - set_up, process_time() - start,
+                        {"steps": last + 1, "passes": passes, "balances": passes * stepper.balanced},
+                        stepper.clock.engine_s)
+        t = np.arange(0, last + 1, every) * h
         q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
                                     for field in ("q", "v", "a", "modes", "friction"))
-        rests = _held_too(scene, q, v, friction, dt)
+        rests = _held_too(scene, q, v, friction, h)
         columns = columns_of_motion(scene, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction))
         for name in scene.guides:
             if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > self.reach(fidelity):
                 raise BadTrajectory(f"{self.name}: {name} is {farthest:g} m from its guide's point; guides end at "
                                     f"{self.reach(fidelity):g} m")
         return Trajectory(scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=t,
-                          columns=columns,
-                          settings={"dt": dt, **settings, "friction_law": self.capabilities.friction_law[fidelity]},
-                          cost=Cost(setup_s, compile_s, stepping, {"steps": last + 1, "passes": passes,
-                                                                   "balances": passes * stepper.balanced}, engine_s))
+                          columns=columns, cost=cost,
+                          settings={"dt": h, **options, "friction_law": self.capabilities.friction_law[fidelity]})
 
 
 def columns_of_motion(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, modes: np.ndarray,

@@ -13,7 +13,7 @@ repeated with the reactions it gave. The arithmetic is compiled, in `step_kernel
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection
 from math import nan
 
 import numpy as np
@@ -37,9 +37,11 @@ class GuideFriction:
     guides : ndarray of `stiction.engines.shared.step_kernels.GUIDE`
     """
 
-    def __init__(self, guides: Iterable[Translational]):
-        self.guides = np.array([(guide.kinetic_coefficient, guide.static_coefficient, guide.length or 0.0,
-                                 guide.width or 0.0, *[0] * (len(GUIDE) - 4)) for guide in guides], GUIDE)
+    def __init__(self, guides: Collection[Translational]):
+        self.guides = np.zeros(len(guides), GUIDE)
+        for row, guide in zip(self.guides, guides):
+            row["mu"], row["mus"] = guide.kinetic_coefficient, guide.static_coefficient
+            row["length"], row["width"] = guide.length or 0.0, guide.width or 0.0
 
     def begin(self) -> None:
         """Begin the first step, where the kernel of the engine's steps does not."""

@@ -45,10 +45,7 @@ class MomentumBalance:
         link_kernels(applied_loads, assemble, row_forces)
 
     def loads(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Generalized forces (N, N, N m a body) of springs, dampers, forces and torques at q; weight apart.
-
-        The array is written anew by each call.
-        """
+        """Forces of springs, dampers, forces and torques at q (N, N, N m a body), weight apart; overwritten later."""
         applied_loads(self.data, t, q, v, 0.0)
         return self.data.loads
 
@@ -57,19 +54,10 @@ class MomentumBalance:
         assemble(self.data, t, q, v, 0.0)
 
     def reactions(self, a: np.ndarray, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reactions of the frictional guides: least squares in the metric of the masses, minimum norm.
+        """Normal forces (N) and moments (N m) of the frictional guides, each of shape (frictional,).
 
-        Parameters
-        ----------
-        a : ndarray, shape (3 * bodies,)
-            Accelerations at the assembled instant.
-        friction : ndarray, shape (frictional,)
-            Force on each slider along its guide (N); NaN where it is to be found too.
-
-        Returns
-        -------
-        normal_force, moment : ndarray, each of shape (frictional,)
-            Force on the slider along the normal (N), moment on it about its point (N m).
+        They belong to accelerations of shape (3 * bodies,) and these frictions (N), by least squares in the metric of
+        the masses, of minimum norm.
         """
         m, force = self.data.m, self.data.force
         self.data.known[:] = friction

@@ -10,13 +10,13 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 from stiction.engines.protocol import Refused
-from stiction.engines.shared.acceleration_integrator import METHOD, TreeAccelerations, integrate, tolerance_of
+from stiction.engines.shared.acceleration_integrator import DEFAULT_TOLERANCE, METHOD, TreeAccelerations, integrate
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import SteppedEngine
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.scenes import Scene, Trajectory
+from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.model import Translational
 
 
@@ -72,7 +72,9 @@ class TreeEngine(SteppedEngine):
         if settings.get("method") != METHOD:
             return super().run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step,
                                settings=settings)
-        start, tolerance = time.process_time(), tolerance_of(dt, rtol, fidelity, settings)
+        if dt is not None or fidelity != "joint" or len(settings) > 1:
+            raise InputError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
+        start, tolerance = time.process_time(), DEFAULT_TOLERANCE if rtol is None else rtol
         refuse_off(scene)
         with self.accelerations(scene) as accelerations:
             return integrate(accelerations, scene, self, t_end=t_end, rtol=tolerance, output_step=output_step,

@@ -211,18 +211,15 @@ class Model:
 
     def _load(self, name: str, load: Any) -> None:
         if isinstance(load, Force):
-            marker, vector = self.rigid(load.body, load.point), [*unit(load.direction), 0.0]
-            item, load_item = "LoadForceVector", self.items.LoadForceVector
+            marker, vector, item = self.rigid(load.body, load.point), [*unit(load.direction), 0.0], "LoadForceVector"
         else:
-            marker, vector = self.rigid(load.body), [0.0, 0.0, 1.0]
-            item, load_item = "LoadTorqueVector", self.items.LoadTorqueVector
+            marker, vector, item = self.rigid(load.body), [0.0, 0.0, 1.0], "LoadTorqueVector"
+        varying = {}
         if isinstance(load.law, Constant):
-            self.system.AddLoad(load_item(name=name, markerNumber=marker,
-                                          loadVector=[load.law.value * x for x in vector]))
+            vector = [load.law.value * x for x in vector]
         else:
-            function = self._function(name, item, "loadVectorUserFunction", load.law, 0)
-            self.system.AddLoad(load_item(name=name, markerNumber=marker, loadVector=vector,
-                                          loadVectorUserFunction=function))
+            varying["loadVectorUserFunction"] = self._function(name, item, "loadVectorUserFunction", load.law, 0)
+        self.system.AddLoad(getattr(self.items, item)(name=name, markerNumber=marker, loadVector=vector, **varying))
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> Any:
         """The law (or its rate) as a user function, compiled by Exudyn, or in Python for tables."""

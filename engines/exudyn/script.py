@@ -101,14 +101,8 @@ mbs.SetPreStepUserFunction(renew_friction)
 def exudyn_script(scene: Scene, dt: float, t_end: float, options: Mapping[str, Any], named: str) -> str:
     """Return a script that builds and runs the scene with Exudyn alone, and prints the states at the end.
 
-    Parameters
-    ----------
-    dt, t_end : float
-        Step and end, seconds; where t_end is no multiple, all steps are a little shorter.
-    options : mapping
-        All settings of the adapter's ``method="bristles"``.
-    named : str
-        The scene as a command line has it.
+    Where `t_end` is no multiple of `dt`, all steps are a little shorter. `options` are all settings of the adapter's
+    ``method="bristles"``; a command line has the scene `named` so.
 
     Raises
     ------

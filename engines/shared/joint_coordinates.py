@@ -79,19 +79,11 @@ their start's."""
 class TreeStepper(Stepper):
     """A tree of links with drives and loads, one step ahead of its samples; subclasses have the engine.
 
-    The engine holds the joints of frictional guides by a friction with an upper bound; see `ContactStepper`.
-
-    Parameters
-    ----------
-    scene : Scene
-    h : float
-        The step, s.
-    options : Mapping
-        Settings; `passes`, if any, as of `FrictionBound`.
+    The engine holds the joints of frictional guides by a friction with an upper bound; see `ContactStepper`. A step
+    takes h seconds; of the settings `passes`, if any, is that of `FrictionBound`.
 
     Attributes
     ----------
-    fidelity : str
     position, velocity : ndarray, shape (links,)
         State of the joints, to be set after each pass.
     coordinates, loads : ndarray, shape (3 * bodies,)
@@ -128,17 +120,14 @@ class TreeStepper(Stepper):
     def joints_are(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Have the joints' coordinates and velocities in these arrays from now on, of one's own or the engine's."""
         balance = self._bound.balance.data
-        links, coordinates = len(self.tree.links), len(balance.q)
+        links = len(self.tree.links)
         self.position, self.velocity, self.loads = position, velocity, balance.loads
-        *self._start, last_position, last_velocity, acceleration = np.zeros((5, links))
-        self.coordinates, v, a = np.zeros((3, coordinates))
+        self.coordinates, v, a = np.zeros((3, len(balance.q)))
         signs = [self.tree.links[link].sign for link in self.friction_links]
         self._data = JointStep(
             cap=self._bound.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data_of_its_own(),
             links=np.array(self.friction_links, dtype=np.int64), signs=np.array(signs, dtype=float), position=position,
-            velocity=velocity, start_position=self._start[0], start_velocity=self._start[1],
-            last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates,
-            v=v, a=a)
+            velocity=velocity, start=np.zeros((2, links)), last=np.zeros((3, links)), q=self.coordinates, v=v, a=a)
 
     def drive_rate(self, link: int, rate: float) -> None:
         """The motor of a joint holds this rate from now on (m/s or rad/s)."""
@@ -156,7 +145,7 @@ class TreeStepper(Stepper):
         """Set the engine's joint coordinates and rates, each of shape (links,)."""
 
     def _retreat(self) -> None:
-        self.put(*self._start)
+        self.put(*self._data.start)
 
     def compile(self) -> None:
         for link, sign, law, _ in self._motors:
@@ -179,9 +168,7 @@ class TreeStepper(Stepper):
 
     def sample(self) -> Sample:
         """Return the sample at the beginning of the last step."""
-        step = self._data
-        motion_of_bodies = self.tree.motion(step.last_position, step.last_velocity, step.acceleration)
-        return Sample(*motion_of_bodies, self.friction.modes_before(), self.friction.frictions())
+        return Sample(*self.tree.motion(*self._data.last), self.friction.modes_before(), self.friction.frictions())
 
     def samples(self, every: int) -> Iterator[Sample]:
         self.step()

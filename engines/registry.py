@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -135,7 +136,8 @@ def load_engine(name: str) -> Engine:
                             "program's FILE.toml or a FILE.fmu"
                             + (f" (did you mean {close[0]!r}?)" if close else ""))
     try:
-        return _made(name, module, attribute)
+        with _packaged(name, name):
+            return _made(name, module, attribute)
     except Exception as error:
         if name in BUILT_IN or name not in others:
             raise  # what was asked for by its address is being written: its author wants the traceback
@@ -145,36 +147,36 @@ def load_engine(name: str) -> Engine:
 
 def _of_file(path: Path) -> Engine:
     module, _, attribute = FILES[path.suffix].partition(":")
-    try:
+    with _packaged(path.name, path.suffix):
         engine = getattr(import_module(module), attribute)(path)
-        if engine.name in BUILT_IN:
-            raise InputError(f"{path}: found the name {engine.name!r}; expected another name: an engine of the suite "
-                             "has it")
-        return engine
+    if engine.name in BUILT_IN:
+        raise InputError(f"{path}: found the name {engine.name!r}; expected another name: an engine of the suite has "
+                         "it")
+    return engine
+
+
+@contextmanager
+def _packaged(shown: str, name: str) -> Iterator[None]:
+    """Say of an engine's package that cannot be imported what brings it."""
+    try:
+        yield
     except ImportError as error:
         if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
             raise
-        raise EngineMissing(f"{path.name}: {error}{_remedy(path.suffix)}") from error
+        raise EngineMissing(f"{shown}: {error}{_remedy(name)}") from error
 
 
 def _made(name: str, module: str, attribute: str) -> Engine:
     """The engine, which has said what its version and its capabilities are."""
+    engine = _class(name, import_module(module), attribute)()
     try:
-        engine = _class(name, import_module(module), attribute)()
-        try:
-            str(engine.version)  # asks the engine's own package, which adapters import late
-        except ImportError:
-            raise
-        except Exception as error:
-            # whatever a broken package raises, or another one of its name: the other engines go on
-            if name not in _PACKAGES:
-                raise  # a mistake in an adapter of others
-            raise EngineBroken(f"{name}: its package is broken: {type(error).__name__}: "
-                               f"{error}{_remedy(name, ' --force-reinstall --no-deps')}") from error
-    except ImportError as error:
-        if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
-            raise
-        raise EngineMissing(f"{name}: {error}{_remedy(name)}") from error
+        str(engine.version)  # asks the engine's own package, which adapters import late
+    except Exception as error:
+        # whatever a broken package raises, or another one of its name: the other engines go on
+        if isinstance(error, ImportError) or name not in _PACKAGES:
+            raise  # not installed, or a mistake in an adapter of others
+        raise EngineBroken(f"{name}: its package is broken: {type(error).__name__}: "
+                           f"{error}{_remedy(name, ' --force-reinstall --no-deps')}") from error
     if not isinstance(engine.capabilities, Capabilities):
         raise TypeError(f"engine {name!r}: capabilities is {engine.capabilities!r}; expected "
                         "stiction.engines.Capabilities")

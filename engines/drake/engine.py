@@ -102,7 +102,7 @@ class _DrakeStepper(TreeStepper):
     _output: Any
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        from pydrake.multibody.tree import default_model_instance
+        from pydrake.multibody.tree import PdControllerGains, default_model_instance
 
         super().__init__(scene, h, options)
         tree, self._options = self.tree, options
@@ -116,8 +116,12 @@ class _DrakeStepper(TreeStepper):
         self._mass = start_mass(scene, tree)
         driven = [motor_link(scene, tree, drive)[0] for drive in scene.drives.values()]
         self._servos = {link: place for place, link in enumerate([*self.friction_links, *driven])}
-        servos = [self._add_servo(link, _GAIN * float(self._mass[link, link]) / h) for link in self._servos]
-        self._brakes = servos[:len(self.friction_links)]
+        self._brakes = []
+        for link, place in self._servos.items():
+            servo = plant.AddJointActuator(f"servo-{link}", self._links.joints[link])
+            servo.set_controller_gains(PdControllerGains(p=0.0, d=_GAIN * float(self._mass[link, link]) / h))
+            if place < len(self.friction_links):
+                self._brakes.append(servo)
         self._links.finalize(self._surround(scene))
         self._context = self._links.context
         self._wished = np.zeros((2, len(self._servos)))
@@ -137,13 +141,6 @@ class _DrakeStepper(TreeStepper):
         place, link = np.array((*point, 0.0)), self.tree.link_of[body]
         return (self._plant.world_body(), place) if link < 0 else (self._links.bodies[link],
                                                                    self.tree.centre(link) + place)
-
-    def _add_servo(self, link: int, gain: float) -> Any:
-        from pydrake.multibody.tree import PdControllerGains
-
-        servo = self._plant.AddJointActuator(f"servo-{link}", self._links.joints[link])
-        servo.set_controller_gains(PdControllerGains(p=0.0, d=gain))
-        return servo
 
     def drive_rate(self, link: int, rate: float) -> None:
         self._wished[1, self._servos[link]] = rate
@@ -239,10 +236,11 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
         self._begin_again(start, velocity)
 
     def _begin_again(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Begin the first step here, with the stick of all guides that do not slip left open."""
         self._k = 0
         self.position[:], self.velocity[:] = position, velocity
         self.put(position, velocity)
-        guides = self.friction.guides  # whose stick is left open where they do not slip
+        guides = self.friction.guides
         guides["slip_speed"] = self.slip_speeds()
         guides["stuck"] = guides["change"] = 0
         self.friction.begin()

@@ -95,27 +95,19 @@ class PybulletEngine(TreeEngine):
             yield _Accelerations(scene, client)
 
 
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep the build time, which the library writes to the error stream at import, off it."""
+def _pybullet() -> Any:
+    """The library, imported when it is needed, without the build time that it writes to the error stream then."""
+    if "pybullet" in sys.modules:
+        return sys.modules["pybullet"]
     sys.stderr.flush()
     kept = os.dup(2)
     with open(os.devnull, "w") as nothing:
         os.dup2(nothing.fileno(), 2)
     try:
-        yield
+        import pybullet
     finally:
         os.dup2(kept, 2)
         os.close(kept)
-
-
-def _pybullet() -> Any:
-    """The library, imported when it is needed."""
-    if "pybullet" in sys.modules:
-        return sys.modules["pybullet"]
-    with _quiet():
-        import pybullet
-
     return pybullet
 
 
@@ -165,8 +157,7 @@ class _Stepper(TreeStepper):
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
         super().__init__(scene, h, options)
-        self._bullet, self._client, tree = _pybullet(), client, self.tree
-        bullet = self._bullet
+        self._bullet, self._client, tree = (bullet := _pybullet()), client, self.tree
         bullet.setTimeStep(h, physicsClientId=client)
         bullet.setPhysicsEngineParameter(numSolverIterations=options["iterations"], solverResidualThreshold=0.0,
                                          erp=options["erp"], physicsClientId=client)

@@ -28,7 +28,6 @@ from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.momentum import MomentumBalance
 from stiction.reference_impl.friction.coulomb import friction_coefficients
 from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions
-from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Cost, Event, Scene, Trajectory
 from stiction.scenes.laws import evaluate_law
@@ -53,6 +52,7 @@ class TreeAccelerations(ABC):
         Index of each frictional guide's displacement in x, and 1, or -1 where x grows against it.
     clock : EngineClock
         CPU time of the engine's own calls.
+    balance : MomentumBalance
     """
 
     def __init__(self, scene: Scene):
@@ -67,7 +67,7 @@ class TreeAccelerations(ABC):
         links = [next(i for i, link in enumerate(tree.links) if link.joint == name) for name in scene.frictional_guides]
         self.guides = np.searchsorted(self._free, links)
         self.signs = np.array([tree.links[link].sign for link in links], dtype=float)
-        self._balance = MomentumBalance(scene) if scene.springs or scene.forces else None
+        self.balance, self._loaded = MomentumBalance(scene), bool(scene.springs or scene.forces)
 
     @abstractmethod
     def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -79,9 +79,9 @@ class TreeAccelerations(ABC):
         mass, needed = self.dynamics(position, velocity, driven)
         mobility = np.linalg.inv(mass[np.ix_(self._free, self._free)])
         force = -needed[self._free]
-        if self._balance is not None:
+        if self._loaded:
             q, v, _ = self._tree.motion(position, velocity, driven)
-            loads = self._balance.loads(t, q, v)
+            loads = self.balance.loads(t, q, v)
             still = np.zeros(len(position))
             for i, link in enumerate(self._free):
                 unit = still.copy()
@@ -121,27 +121,24 @@ class _Instant(NamedTuple):
 class _Frictional:
     """Accelerations together with friction."""
 
-    def __init__(self, accelerations: TreeAccelerations, scene: Scene):
+    def __init__(self, accelerations: TreeAccelerations):
         self.engine, self.calls = accelerations, 0
-        constrained = Mechanism(scene, stabilization="none")
-        self._m, self.kinks = constrained.arrays, constrained.kinks
-        self._w = workspace(self._m)
-        self._balance = MomentumBalance(scene)
-        self._balance.compile()
+        accelerations.balance.compile()
 
     def at(self, t: float, y: np.ndarray, mode: _Mode) -> _Instant:
         self.calls += 1
-        engine, m, w, count = self.engine, self._m, self._w, len(mode.slip)
+        engine, balance, count = self.engine, self.engine.balance, len(mode.slip)
+        m, w = balance.data.m, balance.data.w
         x, rate = np.split(y, 2)
         second, mobility = engine.solve(t, x, rate)
         if not count:
             return _Instant(second, np.zeros(0), np.zeros((0, 3)))
         per_newton = mobility[:, engine.guides] * engine.signs
         q, v, a = engine.motion(t, x, rate, second)
-        self._balance.assemble(t, q, v)
+        balance.assemble(t, q, v)
         # normal forces and moments of the guides: constant + slope @ friction
-        constant = np.array(self._balance.reactions(a, np.zeros(count)))
-        slope = np.stack([np.array(self._balance.reactions(engine.motion(t, x, rate, second + add)[2], one))
+        constant = np.array(balance.reactions(a, np.zeros(count)))
+        slope = np.stack([np.array(balance.reactions(engine.motion(t, x, rate, second + add)[2], one))
                           - constant
                           for add, one in zip(per_newton.T, np.eye(count))], axis=-1)
         matrix, right = np.eye(count), np.zeros(count)
@@ -223,7 +220,7 @@ def integrate(accelerations: TreeAccelerations, scene: Scene, engine: Engine, *,
         If the step becomes too small, or contact modes follow each other without time passing.
     """
     started = time.process_time()
-    mechanism, names = _Frictional(accelerations, scene), list(scene.frictional_guides)
+    mechanism, names = _Frictional(accelerations), list(scene.frictional_guides)
     compiled = time.process_time()
     accelerations.clock.start()
     samples: list[tuple[Any, ...]] = []
@@ -236,7 +233,7 @@ def integrate(accelerations: TreeAccelerations, scene: Scene, engine: Engine, *,
         mechanism.at_rest(t, y, mode, guide, held=True)
     mechanism.corners(t, y, mode)
     output = output_times(t_end, output_step)
-    for stop in (*mechanism.kinks(t_end), t_end):
+    for stop in (*Mechanism(scene, stabilization="none").kinks(t_end), t_end):
         while t < stop:
             solver = DOP853(lambda t, y: np.concatenate([y[len(y) // 2:], mechanism.at(t, y, mode).second]), t, y, stop,
                             rtol=rtol, atol=rtol)

@@ -209,15 +209,8 @@ def integrate(accelerations: TreeAccelerations, scene: Scene, engine: Engine, *,
               output_step: float, setup_s: float) -> Trajectory:
     """Integrate from t = 0 to t_end with local errors of rtol (1 + |x|), in m, rad and their rates.
 
-    Parameters
-    ----------
-    setup_s : float
-        Seconds of CPU that the accelerations took to make.
-
-    Raises
-    ------
-    EngineFailure
-        If the step becomes too small, or contact modes follow each other without time passing.
+    EngineFailure if the step becomes too small, or contact modes follow each other without time passing. `setup_s` is
+    what the accelerations took to make, seconds of CPU.
     """
     started = time.process_time()
     mechanism, names = _Frictional(accelerations), list(scene.frictional_guides)

@@ -93,13 +93,7 @@ class Stepper(ABC):
 
 
 def step_of(dt: float | None, t_end: float) -> float:
-    """Return the step in seconds; where none is given, `DEFAULT_STEP` or its share of the run.
-
-    Raises
-    ------
-    InputError
-        If it is too short for the run.
-    """
+    """Return the step in seconds, where none is given the default; InputError if it is too short for the run."""
     if dt is None:
         dt = min(DEFAULT_STEP, DEFAULT_SHARE * t_end)
     check_steps(t_end, dt)
@@ -107,7 +101,7 @@ def step_of(dt: float | None, t_end: float) -> float:
 
 
 def steps_between_outputs(steps: int, wish: float) -> int:
-    """Steps from one output to the next: the largest divisor of all `steps` that is not above the wish, rounded."""
+    """Steps from one output to the next: the largest divisor of all `steps` that is not above the rounded wish."""
     wish = min(steps, max(1, round(wish)))
     return next(every for every in range(wish, 0, -1) if steps % every == 0)
 
@@ -117,12 +111,9 @@ Defaults = Mapping[str, int | float | tuple[str, ...]]
 
 
 def settings_of(given: Mapping[str, Any], defaults: Defaults, engine: str, fidelity: str) -> dict[str, Any]:
-    """The engine's settings with those given put in; their type is that of the default.
+    """The engine's settings with those given put in; InputError for a name, a type or a value that it does not have.
 
-    Raises
-    ------
-    InputError
-        For a name that the engine does not have, a value of another type, negative or not finite, or another word.
+    The type is that of the default; numbers are finite and not negative, whole ones at least 1.
     """
     check_settings(given, defaults, engine, fidelity)
     for name, value in given.items():

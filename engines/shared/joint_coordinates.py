@@ -134,9 +134,9 @@ class TreeStepper(Stepper):
         self.rates[link] = rate
 
     def advance(self, caps: Sequence[float]) -> None:
-        """One pass of the engine with these bounds of `friction_links` (N), under `loads`.
+        """Make a pass of the engine with these bounds of `friction_links` (N), under `loads`.
 
-        Sets position, velocity and `held`.
+        Sets `position`, `velocity` and `held`.
         """
         raise NotImplementedError
 

@@ -130,13 +130,6 @@ def test_settings_of_the_process_come_back(engine, fidelity):
     assert (loop.getErrorReductionParameter(), loop.getMaxErrorReductionVelocity()) == before
 
 
-@pytest.mark.parametrize(("settings", "words"), [({"iterations": 0}, "iterations: found 0; expected a whole number"), ({"shape": "capsule"}, "expected one of spheres, box"),
-                                                 ({"detector": "bullet"}, "expected one of ODE, FCL, Bullet, DART"), ({"passes": 2}, "no such setting at contact")])
-def test_bad_settings(engine, settings, words):
-    with pytest.raises(ValueError, match=words):
-        engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, fidelity="contact", **settings)
-
-
 @pytest.mark.parametrize("name", ["trammel-comes-to-rest", "oblique-trammel-comes-to-rest"])
 @pytest.mark.parametrize("dt", [2e-3, 5e-4])
 def test_joint_friction_that_holds_a_loop_sticks(engine, name, dt):

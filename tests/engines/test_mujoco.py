@@ -62,15 +62,6 @@ def test_solvers_agree(engine, solver):
         np.testing.assert_allclose(other[name], found[name], atol=1e-9)
 
 
-@pytest.mark.parametrize(("settings", "words"), [({"impedance": 1.0}, "MuJoCo's own limit"), ({"impedance": 0.0}, "impedance: found 0.0"),
-                                                 ({"method": "accelerations", "iterations": 3}, "expected rtol alone"),
-                                                 ({"solver": "Dantzig"}, "solver: found 'Dantzig'; expected one of PGS, Newton, CG"),
-                                                 ({"substeps": 3}, "mujoco has no such setting")])
-def test_bad_settings(engine, settings, words):
-    with pytest.raises(ValueError, match=words):
-        engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, **settings)
-
-
 @pytest.mark.parametrize("free", [False, True])
 @pytest.mark.parametrize(("links", "refused"), [(495, False), (496, True)])
 def test_a_chain_that_the_file_cannot_nest_is_refused(engine, links, refused, free):
@@ -204,15 +195,6 @@ class TestContact:
         model = mujoco.MjModel.from_xml_string(scene_as_mjcf(load_scene("elliptic-trammel"), 1e-3, "contact"))
         slides = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
         assert np.all(model.jnt_axis[slides][:, 2] == 0.0) and np.all(model.jnt_axis[~slides] == [0.0, 0.0, 1.0])
-
-    @pytest.mark.parametrize(("settings", "words"), [({"noslip": "on"}, "no such setting at contact fidelity"), ({"solver": "PGS"}, "expected one of Newton, CG"),
-                                                     ({"impedance": 1.0}, "MuJoCo's own limit"), ({"slip_reference": 0.9}, "slip_reference: found 0.9; expected at least 1"),
-                                                     ({"impratio": 0.0}, "impratio: found 0.0; expected a number > 0"),
-                                                     ({"noslip_iterations": 10}, "noslip_iterations: found 10 with elliptic cones; expected cone=pyramidal")])
-    def test_bad_settings(self, engine, settings, words):
-        with pytest.raises(ValueError, match=words):
-            engine.simulate(load_scene("slider-bar-case-1"), t_end=0.1, fidelity="contact", **settings)
-
 
 def test_a_model_that_mujoco_does_not_take_is_a_failure_in_its_words():
     """It has a least mass, mjMINVAL = 1e-15 kg."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from importlib import import_module
 from itertools import combinations
 from typing import Any
@@ -23,8 +23,9 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import BadTrajectory, accepted, installed_version
-from stiction.engines.shared.acceleration_integrator import TreeAccelerations
+from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.contact_geometry import REACH, box_angle, direction_of, several_guides, slider_box
+from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import Defaults
 from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper, motor_link
 from stiction.engines.shared.link_tree import LinkTree
@@ -71,14 +72,12 @@ class DartEngine(TreeEngine):
     """
 
     name, called, defaults = "dart", "DART", _SETTINGS
+    reach = {"joint": math.inf, "contact": REACH}
 
     @property
     def version(self) -> str:
         import_module("dartpy")  # ImportError where it cannot be imported
         return accepted("dartpy", installed_version("dartpy"))
-
-    def reach(self, fidelity: str) -> float:
-        return REACH if fidelity == "contact" else math.inf
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if (reason := super().refusal(scene, fidelity)) or fidelity == "joint":
@@ -102,8 +101,25 @@ class DartEngine(TreeEngine):
         with _loops_closed_by(options["erp"]):
             yield (_Stepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
 
-    def accelerations(self, scene: Scene) -> AbstractContextManager[TreeAccelerations]:
-        return nullcontext(_Accelerations(scene))
+    @contextmanager
+    def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
+        skeletons, *_ = _skeletons(scene, tree)
+        for skeleton, _ in skeletons:
+            skeleton.setGravity(np.array([*(scene.gravity or (0.0, 0.0)), 0.0]))
+
+        def mass_and_bias(position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            mass, bias = np.zeros((len(position), len(position))), np.zeros(len(position))
+            for skeleton, part in skeletons:
+                skeleton.setPositions(position[part])
+                skeleton.setVelocities(velocity[part])
+                mass[part, part], bias[part] = skeleton.getMassMatrix(), skeleton.getCoriolisAndGravityForces()
+            return mass, bias
+
+        def evaluate(position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            mass, bias = clock.call(mass_and_bias, position, velocity)
+            return mass, mass @ second + bias
+
+        yield evaluate
 
 
 @contextmanager
@@ -351,26 +367,3 @@ def _boxes(guide: Translational, along: np.ndarray) -> tuple[list[tuple[Any, Any
     return ([(BoxShape(np.array([*guide.extent, 2 * _DEPTH])), _placed(guide.slider_point, box_angle(guide)))],
             [(BoxShape(np.array([2 * REACH, 2 * _DEPTH, 4 * _DEPTH])), _placed(guide.point + side * away, angle))
              for side in (-1, 1)])
-
-
-class _Accelerations(TreeAccelerations):
-    """DART's mass matrix and bias forces."""
-
-    def __init__(self, scene: Scene):
-        super().__init__(scene)
-        self._skeletons, *_ = _skeletons(scene, self._tree)
-        for skeleton, _ in self._skeletons:
-            skeleton.setGravity(np.array([*(scene.gravity or (0.0, 0.0)), 0.0]))
-
-    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        mass, bias = self.clock.call(self._mass_and_bias, position, velocity)
-        return mass, mass @ second + bias
-
-    def _mass_and_bias(self, position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates of all skeletons, by the engine."""
-        mass, bias = np.zeros((len(position), len(position))), np.zeros(len(position))
-        for skeleton, part in self._skeletons:
-            skeleton.setPositions(position[part])
-            skeleton.setVelocities(velocity[part])
-            mass[part, part], bias[part] = skeleton.getMassMatrix(), skeleton.getCoriolisAndGravityForces()
-        return mass, bias

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from importlib import import_module
 from typing import Any
 
@@ -29,9 +29,11 @@ from stiction.engines.drake.contact import Boxes, Material, corner_inertias
 from stiction.engines.drake.continuous import METHOD, run_continuous
 from stiction.engines.drake.plant import Plant, start_mass
 from stiction.engines.protocol import accepted, installed_version
-from stiction.engines.shared.acceleration_integrator import TreeAccelerations
+from stiction.engines.shared.acceleration_integrator import Dynamics
+from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import Defaults
 from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper, motor_link
+from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene, Trajectory
 
@@ -92,8 +94,17 @@ class DrakeEngine(TreeEngine):
                 fidelity: str) -> AbstractContextManager[TreeStepper]:
         return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options))
 
-    def accelerations(self, scene: Scene) -> AbstractContextManager[TreeAccelerations]:
-        return nullcontext(_Accelerations(scene))
+    @contextmanager
+    def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
+        links = Plant(scene, tree, 0.0)
+        links.finalize()
+
+        def evaluate(position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            links.put(position, velocity)
+            mass, bias = clock.call(links.dynamics)
+            return mass, mass @ second + bias
+
+        yield evaluate
 
 
 class _DrakeStepper(TreeStepper):
@@ -255,17 +266,3 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
         bounds = [coefficient * normal for coefficient, normal in zip(self.friction.coefficients(), before)]
         return before, [max(friction, bound) if friction > _SLIPS * bound else friction
                         for friction, bound in zip(frictions, bounds)]
-
-
-class _Accelerations(TreeAccelerations):
-    """Drake's mass matrix and bias forces."""
-
-    def __init__(self, scene: Scene):
-        super().__init__(scene)
-        self._links = Plant(scene, self._tree, 0.0)
-        self._links.finalize()
-
-    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        self._links.put(position, velocity)
-        mass, bias = self.clock.call(self._links.dynamics)
-        return mass, mass @ second + bias

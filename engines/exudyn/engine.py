@@ -153,15 +153,7 @@ class ExudynEngine(Engine):
 def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
     """The model as a script for Exudyn, with the adapter's default step and settings; see `exudyn_script`.
 
-    Parameters
-    ----------
-    named
-        The scene as a command line has it, for the command that the script quotes.
-
-    Raises
-    ------
-    Refused
-        If the scene cannot be expressed.
+    A command line has the scene `named` so. Refused if it cannot be expressed.
     """
     if (reason := ExudynEngine().refusal(scene, "joint")) is not None:
         raise Refused(reason)

@@ -28,9 +28,10 @@ from stiction.engines.mujoco.contact import SIDES, slip_damping, slip_reference,
 from stiction.engines.mujoco.loads import ROTOR
 from stiction.engines.mujoco.mjcf import HARDEST, START, joint_name, mjcf
 from stiction.engines.protocol import EngineFailure, Refused, accepted
-from stiction.engines.shared.acceleration_integrator import TreeAccelerations
+from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.contact_geometry import direction_of
-from stiction.engines.shared.fixed_step import Defaults, settings_of
+from stiction.engines.shared.engine_clock import EngineClock
+from stiction.engines.shared.fixed_step import Defaults
 from stiction.engines.shared.friction_bound import CAPPED, CONTACT
 from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper
 from stiction.engines.shared.link_tree import LinkTree
@@ -84,9 +85,9 @@ class MujocoEngine(TreeEngine):
         if reason := super().refusal(scene, fidelity):
             return reason
         for name, guide in scene.frictional_guides.items() if fidelity == "contact" else ():
-            if (largest := max(guide.kinetic_coefficient, guide.static_coefficient)) > _MOST_FRICTION:
-                return (f"joints.{name}: found a coefficient of friction of {largest:g}; above {_MOST_FRICTION:g} "
-                        "MuJoCo's contacts brake a slider that tips on its corners too much")
+            if guide.static_coefficient > _MOST_FRICTION:
+                return (f"joints.{name}: found a coefficient of friction of {guide.static_coefficient:g}; above "
+                        f"{_MOST_FRICTION:g} MuJoCo's contacts brake a slider that tips on its corners too much")
         return None
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
@@ -100,14 +101,13 @@ class MujocoEngine(TreeEngine):
 
     @contextlib.contextmanager
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
-        if not 0 < options["impedance"] <= HARDEST:
-            raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {HARDEST}, "
-                             "MuJoCo's own limit")
-        if options.get("slip_reference", 1.0) < 1:
-            raise InputError(f"slip_reference: found {options['slip_reference']!r}; expected at least 1, with less "
-                             "friction does not oppose slip")
-        if not options.get("impratio", 1.0) > 0:
-            raise InputError(f"impratio: found {options['impratio']!r}; expected a number > 0")
+        for name, fits, expected in (
+                ("impedance", 0 < options["impedance"] <= HARDEST, f"0 < impedance <= {HARDEST}, MuJoCo's own limit"),
+                ("slip_reference", options.get("slip_reference", 1.0) >= 1,
+                 "at least 1, with less friction does not oppose slip"),
+                ("impratio", options.get("impratio", 1.0) > 0, "a number > 0")):
+            if not fits:
+                raise InputError(f"{name}: found {options[name]!r}; expected {expected}")
         if options.get("noslip_iterations") and options["cone"] == "elliptic":
             raise InputError(f"noslip_iterations: found {options['noslip_iterations']!r} with elliptic cones; expected "
                              "cone=pyramidal, as noslip leaves an elliptic contact alone with a direction in which "
@@ -115,8 +115,25 @@ class MujocoEngine(TreeEngine):
         with _warnings() as said:
             yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, said)
 
-    def accelerations(self, scene: Scene) -> contextlib.AbstractContextManager[TreeAccelerations]:
-        return contextlib.nullcontext(_Accelerations(scene))
+    @contextlib.contextmanager
+    def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
+        import mujoco
+
+        model, data = _model(scene, tree, 1.0, "joint", self.default_settings("joint"))
+        model.dof_armature[:] = 0.0  # rotors are for stepping
+        mass = np.zeros((model.nv, model.nv))
+
+        def compute() -> None:
+            mujoco.mj_fwdPosition(model, data)
+            mujoco.mj_fwdVelocity(model, data)
+            mujoco.mj_fullM(model, data, mass)
+
+        def evaluate(position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            data.qpos[:], data.qvel[:] = position, velocity
+            clock.call(compute)
+            return mass, mass @ second + data.qfrc_bias
+
+        yield evaluate
 
 
 @contextlib.contextmanager
@@ -133,20 +150,12 @@ def _warnings() -> Iterator[list[str]]:
         mujoco.set_mju_user_warning(before)
 
 
-def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **options: Any) -> str:
-    """The MJCF of a scene with springs, dampers, loads and drives.
-
-    Settings that are not given are those of `MujocoEngine`.
-
-    Raises
-    ------
-    Refused
-        If MuJoCo cannot represent the scene at this fidelity.
-    """
-    options = settings_of(options, _SETTINGS[fidelity], MujocoEngine.name, fidelity)
-    if reason := MujocoEngine().refusal(scene, fidelity):
+def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint") -> str:
+    """The MJCF of a scene with springs, dampers, loads and drives; Refused if MuJoCo cannot represent it."""
+    engine = MujocoEngine()
+    if reason := engine.refusal(scene, fidelity):
         raise Refused(reason)
-    return mjcf(scene, LinkTree(scene, fidelity), timestep, fidelity, options, loaded=True)
+    return mjcf(scene, LinkTree(scene, fidelity), timestep, fidelity, engine.default_settings(fidelity), loaded=True)
 
 
 def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any]) -> tuple[Any, Any]:
@@ -276,28 +285,3 @@ class _ContactStepper(ContactStepper, _Stepper):
             # of itself: it recruits of the normal force what a reference of its size does
             driven = max(gained - sense * self._along[i] / mass, 0.0)
             self._wanted[i] = max(self._times(self._coefficients[i]) * max(bound, -gained) - driven, 0.0)
-
-
-class _Accelerations(TreeAccelerations):
-    """MuJoCo's mass matrix and bias forces."""
-
-    def __init__(self, scene: Scene):
-        import mujoco
-
-        super().__init__(scene)
-        self._mujoco = mujoco
-        self._model, self._data = _model(scene, self._tree, 1.0, "joint",
-                                         settings_of({}, _SETTINGS["joint"], MujocoEngine.name, "joint"))
-        self._model.dof_armature[:] = 0.0  # rotors are for stepping
-        self._mass = np.zeros((self._model.nv, self._model.nv))
-
-    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        self._data.qpos[:], self._data.qvel[:] = position, velocity
-        self.clock.call(self._compute)
-        return self._mass, self._mass @ second + self._data.qfrc_bias
-
-    def _compute(self) -> None:
-        """Mass matrix and bias forces, by the engine."""
-        self._mujoco.mj_fwdPosition(self._model, self._data)
-        self._mujoco.mj_fwdVelocity(self._model, self._data)
-        self._mujoco.mj_fullM(self._model, self._data, self._mass)

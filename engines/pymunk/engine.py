@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from stiction.engines.protocol import accepted
+from stiction.engines.protocol import FIDELITIES, accepted
 from stiction.engines.shared.contact_geometry import contact_refusal, crowded, slider_box, unlike_guides
 from stiction.engines.shared.fixed_step import Defaults, Sample, SteppedEngine, Stepper
 from stiction.engines.shared.friction_bound import CoefficientSwitch, FrictionBound
@@ -72,16 +72,13 @@ class PymunkEngine(SteppedEngine):
     (as `error_bias`, for overlap), `clearance` (by how much the box is narrower than its guide, m).
     """
 
-    name, defaults = "pymunk", _SETTINGS
+    name, defaults, reach = "pymunk", _SETTINGS, dict.fromkeys(FIDELITIES, _GROOVE)
 
     @property
     def version(self) -> str:
         import pymunk
 
         return accepted("pymunk", pymunk.version)
-
-    def reach(self, fidelity: str) -> float:
-        return _GROOVE
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene) or crowded(scene, MOST_GUIDES, "pymunk")

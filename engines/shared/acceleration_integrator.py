@@ -10,7 +10,6 @@ the reactions and these in the friction; events are where an event function of
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -41,8 +40,13 @@ _SAMPLES = 8  # instants of a step at which event functions are looked at
 _MOST_EVENTS = 100  # in a row, without time passing
 
 
-class TreeAccelerations(ABC):
-    """An engine's mass matrix and inverse dynamics of a scene's tree of links, of which n coordinates are free.
+Dynamics = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""An engine's mass matrix (links, links) and joint forces (links,) of a position, velocity and acceleration of the
+links under gravity, each of shape (links,)."""
+
+
+class TreeAccelerations:
+    """An engine's `dynamics` of a scene's tree of links, of which n coordinates are free.
 
     Attributes
     ----------
@@ -55,8 +59,10 @@ class TreeAccelerations(ABC):
     balance : MomentumBalance
     """
 
+    dynamics: Dynamics
+
     def __init__(self, scene: Scene):
-        self._tree = tree = LinkTree(scene)
+        self.tree = tree = LinkTree(scene)
         if tree.loops:
             raise Refused(f"joints.{tree.loops[0]}: closes a loop; inverse dynamics are those of a tree")
         self.clock = EngineClock()
@@ -69,10 +75,6 @@ class TreeAccelerations(ABC):
         self.signs = np.array([tree.links[link].sign for link in links], dtype=float)
         self.balance, self._loaded = MomentumBalance(scene), bool(scene.springs or scene.forces)
 
-    @abstractmethod
-    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mass matrix (links, links) and the joint forces (links,) of these accelerations under gravity."""
-
     def solve(self, t: float, x: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x'' without friction, shape (n,), and what unit forces on the coordinates add, one a column, shape (n, n)."""
         position, velocity, driven = self._joints(t, x, rate, np.zeros(len(x)))
@@ -80,22 +82,22 @@ class TreeAccelerations(ABC):
         mobility = np.linalg.inv(mass[np.ix_(self._free, self._free)])
         force = -needed[self._free]
         if self._loaded:
-            q, v, _ = self._tree.motion(position, velocity, driven)
+            q, v, _ = self.tree.motion(position, velocity, driven)
             loads = self.balance.loads(t, q, v)
             still = np.zeros(len(position))
             for i, link in enumerate(self._free):
                 unit = still.copy()
                 unit[link] = 1.0
-                force[i] += self._tree.motion(position, unit, still)[1] @ loads
+                force[i] += self.tree.motion(position, unit, still)[1] @ loads
         return mobility @ force, mobility
 
     def motion(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
         """Coordinates, velocities and accelerations of the bodies, each of shape (3 * bodies,)."""
-        return self._tree.motion(*self._joints(t, x, rate, second))
+        return self.tree.motion(*self._joints(t, x, rate, second))
 
     def _joints(self, t: float, x: np.ndarray, rate: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
         """Coordinates, rates and accelerations of all joints, those of drives by their laws."""
-        joints = np.zeros((3, len(self._tree.links)))
+        joints = np.zeros((3, len(self.tree.links)))
         joints[:, self._free] = x, rate, second
         for link, sign, law, offset in self._driven:
             joints[:, link] = sign * np.array(evaluate_law(law, t))

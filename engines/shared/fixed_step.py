@@ -6,10 +6,10 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from time import process_time
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,7 @@ DEFAULT_STEP, DEFAULT_SHARE = 1e-3, 0.01
 """The step where none is given: seconds, and the part of the run that it is at most."""
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """A state and the acceleration of the step that belongs to it, each of shape (3 * bodies,).
 
     Per frictional guide, shape (frictional,): `modes` -1, 0, 1 (slip against, stick, slip along), and `friction`, the
@@ -83,7 +82,7 @@ class Stepper(ABC):
                 early.append(self.sample())
             self.step()
         follower = self.sample()
-        yield from (replace(sample, a=follower.a, friction=follower.friction) for sample in early)
+        yield from (sample._replace(a=follower.a, friction=follower.friction) for sample in early)
         for _ in range(-self.settling % every):
             self.step()
         while True:
@@ -155,22 +154,21 @@ class SteppedEngine(Engine):
     ----------
     defaults : Mapping
         By fidelity: settings of its steps, as `settings_of` takes them.
+    reach : Mapping
+        By fidelity: displacement in metres up to which its guides go.
     """
 
     capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
                                 friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance",
                                 order="1")
     defaults: ClassVar[Mapping[str, Defaults]]
+    reach: ClassVar[Mapping[str, float]] = {"joint": math.inf, "contact": math.inf}
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return settings_of({}, self.defaults[fidelity], self.name, fidelity)
 
     def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return "method" not in settings  # its steps
-
-    def reach(self, fidelity: str) -> float:
-        """Displacement in metres up to which its guides go."""
-        return math.inf
 
     @abstractmethod
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any],
@@ -202,14 +200,13 @@ class SteppedEngine(Engine):
                         {"steps": last + 1, "passes": passes, "balances": passes * stepper.balanced},
                         stepper.clock.engine_s)
         t = np.arange(0, last + 1, every) * h
-        q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
-                                    for field in ("q", "v", "a", "modes", "friction"))
+        q, v, a, modes, friction = (np.array(part) for part in zip(*samples))
         rests = _held_too(scene, q, v, friction, h)
         columns = columns_of_motion(scene, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction))
         for name in scene.guides:
-            if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > self.reach(fidelity):
+            if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > self.reach[fidelity]:
                 raise BadTrajectory(f"{self.name}: {name} is {farthest:g} m from its guide's point; guides end at "
-                                    f"{self.reach(fidelity):g} m")
+                                    f"{self.reach[fidelity]:g} m")
         return Trajectory(scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=t,
                           columns=columns, cost=cost,
                           settings={"dt": h, **options, "friction_law": self.capabilities.friction_law[fidelity]})

@@ -10,8 +10,10 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 from stiction.engines.protocol import Refused
-from stiction.engines.shared.acceleration_integrator import DEFAULT_TOLERANCE, METHOD, TreeAccelerations, integrate
+from stiction.engines.shared.acceleration_integrator import (DEFAULT_TOLERANCE, METHOD, Dynamics, TreeAccelerations,
+                                                             integrate)
 from stiction.engines.shared.contact_geometry import contact_refusal
+from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import SteppedEngine
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.joint_coordinates import motor_link
@@ -64,8 +66,8 @@ class TreeEngine(SteppedEngine):
         return None
 
     @abstractmethod
-    def accelerations(self, scene: Scene) -> AbstractContextManager[TreeAccelerations]:
-        """Its mass matrix and bias forces, for as long as they are asked for."""
+    def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> AbstractContextManager[Dynamics]:
+        """Its mass matrix and inverse dynamics of a tree, for as long as they are asked for; calls by the clock."""
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
@@ -76,6 +78,7 @@ class TreeEngine(SteppedEngine):
             raise InputError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
         start, tolerance = time.process_time(), DEFAULT_TOLERANCE if rtol is None else rtol
         refuse_off(scene)
-        with self.accelerations(scene) as accelerations:
+        accelerations = TreeAccelerations(scene)
+        with self.dynamics(scene, accelerations.tree, accelerations.clock) as accelerations.dynamics:
             return integrate(accelerations, scene, self, t_end=t_end, rtol=tolerance, output_step=output_step,
                              setup_s=time.process_time() - start)

@@ -38,7 +38,7 @@ EXTRAS = ("pybullet", "mujoco", "drake", "dart")
 _PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mujoco": "mujoco-core", "drake": "drake",
              "dart": "dartpy", ".fmu": "fmpy"}
 """Packages, as pip knows them, of the engines that the suite has adapters for, and of files."""
-_OWN_PACKAGE = "stiction"
+_OWN, _OWN_PACKAGE = {**BUILT_IN, **PROGRAMS}, "stiction"
 FILES = {".toml": "stiction.engines.program.engine:ProgramEngine", ".fmu": "stiction.engines.fmu.engine:FmuEngine"}
 """Addresses of the engines that are files by the ending of their names; the classes take the absolute path."""
 
@@ -70,8 +70,7 @@ class EngineBroken(EngineMissing):
 
 def engine_names() -> list[str]:
     """Names that `load_engine` knows: the suite's engines, then those of entry points."""
-    own = {**BUILT_IN, **PROGRAMS}
-    return [*own, *sorted(_announced(tuple(sys.path)).keys() - own.keys())]
+    return [*_OWN, *sorted(_announced(tuple(sys.path)).keys() - _OWN.keys())]
 
 
 def is_file(name: str) -> bool:
@@ -124,10 +123,10 @@ def load_engine(name: str) -> Engine:
         if not Path(name).is_file():
             raise UnknownEngine(f"engine: found no file {name!r}; expected the declaration of a program, or an FMU")
         return _of_file(Path(name).resolve())
-    if name not in {**BUILT_IN, **PROGRAMS} and name not in _announced(tuple(sys.path)):
+    if name not in _OWN and name not in _announced(tuple(sys.path)):
         _announced.cache_clear()  # its package may have been installed since
     others = _announced(tuple(sys.path))
-    addresses = {**others, **BUILT_IN, **PROGRAMS}
+    addresses = {**others, **_OWN}
     address = addresses.get(name, name)
     module, _, attribute = address.partition(":")
     if not module or not attribute:

@@ -287,8 +287,12 @@ def _set_caps(cap):
 
 
 @kernel
-def _begin(cap, t, q, v, ahead):
-    """Begin a step: balance of momentum at its instant, coefficients, caps, number of attempts."""
+def _begin(cap, loaded, t, q, v, ahead):
+    """Begin a step: loads at its instant, and for guides with a cap the balance there, coefficients, caps, attempts."""
+    if len(cap.guides) == 0:
+        if loaded:
+            applied_loads(cap.balance, t, q, v, ahead)
+        return
     assemble(cap.balance, t, q, v, ahead)
     attempts = cap.attempts
     attempts.left = cap.passes if _choose(cap.guides) else 1
@@ -387,10 +391,7 @@ def begin_space(step: SpaceStep, t: float) -> None:
     for body in range(len(step.present)):
         for k in range(6):
             step.before[body, k] = step.present[body, k]
-    if len(cap.guides):
-        _begin(cap, t, step.q, step.v, step.h)
-    elif step.loaded:
-        applied_loads(cap.balance, t, step.q, step.v, step.h)
+    _begin(cap, step.loaded, t, step.q, step.v, step.h)
     copy(cap.balance.loads, step.pushed)
 
 
@@ -477,13 +478,9 @@ def begin_joints(step: JointStep, t: float) -> None:
     """Begin a step, at t."""
     copy(step.position, step.start[0])
     copy(step.velocity, step.start[1])
-    capped = len(step.cap.guides) > 0
-    if capped or step.loaded:
+    if len(step.cap.guides) or step.loaded:
         _move(step.tree, step.position, step.velocity, step.q, step.v)
-    if capped:
-        _begin(step.cap, t, step.q, step.v, 0.0)
-    elif step.loaded:
-        applied_loads(step.cap.balance, t, step.q, step.v, 0.0)
+        _begin(step.cap, step.loaded, t, step.q, step.v, 0.0)
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Drake's contacts: a box that is carried, slides, sticks, wedges; two of them with a pin that closes a loop; bad input."""
+"""Drake's contacts: a box that is carried from the start and sticks; two of them with a pin that closes a loop; bad input."""
 
 import tomllib
 
@@ -19,15 +19,12 @@ def engine():
     return load_engine("drake")
 
 
-def box(push=0.0, height=0.0, *, turned=0.0, mu=0.2, mus=0.3, gravity=G, velocity=0.0, guide=None):
-    """2 kg in a guide of 0.6 m by 0.1 m, pushed along it at a height above its centre; all of it turned."""
-    c, s = np.cos(turned), np.sin(turned)
+def box(push=0.0, *, mu=0.2, mus=0.3, velocity=0.0):
+    """2 kg in a guide of 0.6 m by 0.1 m, pushed along it."""
     return scene_from_dict({
-        "gravity": [gravity * s, -gravity * c],
-        "bodies": {"slider": {"mass": 2, "inertia": 0.1, "angle": turned, "velocity": [velocity * c, velocity * s]}},
-        "joints": {"guide": {"type": "translational", "slider": "slider", "angle": turned, "direction": [c, s], "length": 0.6, "width": 0.1,
-                             "mu": mu, "mus": mus, **(guide or {})}},
-        "forces": {"push": {"type": "force", "body": "slider", "point": [0.0, height], "direction": [c, s], "law": {"type": "constant", "value": push}}}})
+        "gravity": [0.0, -G], "bodies": {"slider": {"mass": 2, "inertia": 0.1, "velocity": [velocity, 0.0]}},
+        "joints": {"guide": {"type": "translational", "slider": "slider", "direction": [1, 0], "length": 0.6, "width": 0.1, "mu": mu, "mus": mus}},
+        "forces": {"push": {"type": "force", "body": "slider", "direction": [1, 0], "law": {"type": "constant", "value": push}}}})
 
 
 def simulate(engine, scene, t_end=0.5, dt=STEP, **settings):
@@ -53,29 +50,6 @@ def test_a_box_at_rest_is_carried(engine, by):
 
 
 @BOTH
-@pytest.mark.parametrize("height", [0.25, -0.25])
-def test_tipping_load(engine, height, by):
-    """5 N, less than what slips, at a height: the moments about the two lower corners give their forces."""
-    run = by(engine, box(5.0, height))
-    rear, front = G - 5 * (height + 0.05) / 0.6, G + 5 * (height + 0.05) / 0.6  # friction acts at the lower surface
-    for corner, force in zip(("F1", "F2", "F3", "F4"), (rear, front, 0.0, 0.0)):
-        np.testing.assert_allclose(run[f"guide.{corner}"][-1], force, atol=1e-6 if by is simulate else 1e-5)
-    assert by is continue_ or abs(run["slider.angle"][-1]) < 1e-9  # it did not give way after the start
-
-
-@BOTH
-@pytest.mark.parametrize("turned", [0.0, 0.7, 2.5])
-@pytest.mark.parametrize("speed", [0.5, -0.5])
-def test_slides_to_rest(engine, speed, turned, by):
-    """With mu, not mus, at mu g; then it stays."""
-    run = by(engine, box(velocity=speed, turned=turned))
-    slip = np.sign(speed) * np.maximum(abs(speed) - 0.2 * G * run.t, 0.0)
-    np.testing.assert_allclose(run["guide.slip_velocity"], slip, atol=2 * STEP * 0.3 * G if by is simulate else 2e-5)
-    assert run["guide.mode"][1] == np.sign(speed) and run["guide.mode"][-1] == 0
-    np.testing.assert_allclose(run["guide.friction"][1:20], -np.sign(speed) * 0.2 * 2 * G, rtol=1e-3 if by is simulate else 1e-4)
-
-
-@BOTH
 def test_a_block_in_two_guides_is_braked_by_both(engine, by):
     """Corners of one guide lie behind the other's surfaces, and what each guide tells is of its own corners: mu1 g/2 + mu2 g/2."""
     guides = {name: {"type": "translational", "slider": "block", "direction": [1, 0], "point": [0, y], "slider_point": [0, y], "length": 1, "width": 0.1, "mu": mu}
@@ -95,19 +69,6 @@ def test_threshold_is_that_of_the_static_coefficient(engine, share, sticks):
     else:
         # mus for the time in which 0.2 % of it as excess bring the slider to the speed at which friction counts as whole, and two steps
         assert run["guide.slip_velocity"][-1] == pytest.approx((share * 0.3 - 0.2) * G * 0.5, abs=0.1 * G * 10 * STEP)
-
-
-@BOTH
-@pytest.mark.parametrize("turned", [0.0, 0.7])
-@pytest.mark.parametrize("height", [0.3, -0.3])
-def test_wedged_between_both_surfaces(engine, height, turned, by):
-    """Without weight the moment P e is carried by N = P e/a at a lower and an upper corner: friction is 2 mu N."""
-    run = by(engine, box(10.0, height, turned=turned, gravity=0.0, mus=None))
-    normal = 10 * 0.3 / 0.6
-    loaded = ("F2", "F4") if height > 0 else ("F1", "F3")
-    for corner in ("F1", "F2", "F3", "F4"):
-        np.testing.assert_allclose(run[f"guide.{corner}"][-1], normal if corner in loaded else 0.0, atol=1e-3 * normal if by is simulate else 1e-4 * normal)
-    assert run["guide.slip_velocity"][-1] == pytest.approx((10 - 2 * 0.2 * normal) / 2 * 0.5, abs=2 * STEP * 5 if by is simulate else 1e-5)
 
 
 @pytest.mark.parametrize("near_rigid", [1.0, 4.0])

@@ -7,8 +7,7 @@ prescribed velocity. Friction: the Coulomb friction of DART's joints at the boun
 Contact fidelity. The slider has four small spheres whose outer points are the corners of a box of the guide's length
 and width, between two half-spaces, without clearance; or it is that box, between two fixed boxes. Contacts are solved
 by DART's projected Gauss-Seidel to convergence: of contacts in the plane Dantzig's matrix is singular, and where it is
-not, his friction is bound by the normal forces without friction. Each slider is the root of a tree, so that a step ends
-on the surface on which it slid; joints from one tree to another are loops.
+not, his friction is bound by the normal forces without friction.
 """
 
 from __future__ import annotations
@@ -244,15 +243,12 @@ class _Stepper(TreeStepper):
             moves = slip_speed > _AT_REST * np.abs(self.velocity).max(initial=0.0)
             self.held[:] = 0.0
             if moves.any():
-                friction = slip_speed / (_MIXING * self.h * self._mobility())
+                # 1/kg of each guide's joint, as DART has it: other joints are free, and loops open
+                mobility = np.concatenate([np.diagonal(skeleton.getInvMassMatrix()) for skeleton, _ in self._skeletons])
+                friction = slip_speed / (_MIXING * self.h * mobility[self.friction_links])
                 self.held[moves] = np.minimum(friction, caps)[moves]
         else:
             self.held[:] = np.abs(self._of_all("getConstraintForces")[self.friction_links])
-
-    def _mobility(self) -> np.ndarray:
-        """1/kg of each guide's joint with a bound, as DART has it: other joints are free, and loops open."""
-        own = np.concatenate([np.diagonal(skeleton.getInvMassMatrix()) for skeleton, _ in self._skeletons])
-        return own[self.friction_links]
 
     def _of_all(self, what: str) -> np.ndarray:
         """Coordinates of each skeleton, in one array."""

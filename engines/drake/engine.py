@@ -8,9 +8,7 @@ solved for implicitly with the step, and an effort limit: friction is a servo at
 drive one without limit. Drake limits a servo's gain: a sticking slider creeps with 1/3948 of the speed that its load
 would give it in a step.
 
-Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`). Each slider has
-coordinates of its own, so that those of other bodies do not press it into its guide by what a step leaves of their
-curvature; pins that tie it to another slider's branch close loops. The continuous plant:
+Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`). The continuous plant:
 `stiction.engines.drake.continuous`.
 """
 

@@ -32,6 +32,8 @@ class Model:
     Attributes
     ----------
     system : exudyn.MainSystem
+    constraints : dict of str to int
+        By joint or drive: the number of its object.
     rows : dict of str to list of int
         By joint or drive: the indices of its multipliers among the algebraic coordinates; once it is assembled.
     """
@@ -43,9 +45,9 @@ class Model:
         self.nodes = {GROUND: self.system.AddNode(self.items.NodePointGround(name=GROUND))}
         self.bodies = {GROUND: self.system.AddObject(self.items.ObjectGround(name=GROUND))}
         self._add_bodies()
-        self._constraints = {name: self._joint(name, joint) for name, joint in scene.joints.items()
+        self.constraints = {name: self._joint(name, joint) for name, joint in scene.joints.items()
                              if joints or isinstance(joint, Revolute)}
-        self._constraints |= {name: self._drive(name, drive) for name, drive in scene.drives.items()}
+        self.constraints |= {name: self._drive(name, drive) for name, drive in scene.drives.items()}
         for name, spring in scene.springs.items():
             self._spring(name, spring)
         for name, load in scene.forces.items():
@@ -54,7 +56,7 @@ class Model:
     def assemble(self) -> None:
         """End the system, to which nothing is added from now on."""
         self.system.Assemble()
-        self.rows = {name: self.multipliers(number) for name, number in self._constraints.items()}
+        self.rows = {name: self.multipliers(number) for name, number in self.constraints.items()}
 
     def _open(self) -> None:
         """An empty system, and the items to add to it."""

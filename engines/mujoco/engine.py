@@ -8,9 +8,7 @@ the share `impedance` is applied, and a sticking slider would creep; MuJoCo's `n
 more without that.
 
 Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`);
-contacts have elliptic cones. The adapter also sets the damping of a guide's friction before each step. It brings a
-slider to rest within the step, or opposes its slip with a few times the acceleration that friction and the last step
-show, less what a load drives it with. More of it separates the surfaces, and a slider between two of them is pumped.
+contacts have elliptic cones. The adapter also sets the damping of a guide's friction before each step.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ class TreeAccelerations:
         self._driven = motors_of(scene, tree, position)
         self._free = np.setdiff1d(np.arange(len(tree.links)), [link for link, *_ in self._driven])
         self.start = np.concatenate([position[self._free], velocity[self._free]])
-        links = [next(i for i, link in enumerate(tree.links) if link.joint == name) for name in scene.frictional_guides]
+        links = [tree.link_of_joint[name] for name in scene.frictional_guides]
         # of each frictional guide's displacement the index in x, and 1, or -1 where x grows against it
         self._guides = np.searchsorted(self._free, links)
         self._signs = np.array([tree.links[link].sign for link in links], dtype=float)

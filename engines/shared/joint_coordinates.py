@@ -49,15 +49,12 @@ def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
 def link_along(scene: Scene, tree: LinkTree, bodies: tuple[str, str],
                axis: tuple[float, float]) -> tuple[int, int] | None:
     """The link of a guide, of bodies (slider, guide), that is parallel to an axis of the guide, and its sign."""
-    guides = scene.guides
-    for i, link in enumerate(tree.links):
-        joint = None if link.joint is None else guides.get(link.joint)
-        if not link.slides or joint is None or joint.bodies != bodies:
-            continue
-        (ax, ay), (dx, dy) = axis, joint.direction
+    for name, guide in scene.guides.items():
+        (ax, ay), (dx, dy) = axis, guide.direction
         sine = (ax * dy - ay * dx) / math.hypot(ax, ay) / math.hypot(dx, dy)
-        if abs(sine) < 1e-12:  # parallel to rounding
-            return i, link.sign if np.dot(axis, joint.direction) > 0 else -link.sign
+        if guide.bodies == bodies and name in tree.link_of_joint and abs(sine) < 1e-12:  # parallel to rounding
+            link, sense = tree.link_of_joint[name], 1 if np.dot(axis, guide.direction) > 0 else -1
+            return link, sense * tree.links[link].sign
     return None
 
 
@@ -109,8 +106,7 @@ class TreeStepper(Stepper):
         self._bound = FrictionBound(scene, options.get("passes", 1), capped)
         self.friction = self._bound
         self.held, self.balanced = self._bound.held, bool(len(self._bound.held))
-        link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
-        self.friction_links = [link_of_joint[name] for name in scene.frictional_guides] if capped else []
+        self.friction_links = [tree.link_of_joint[name] for name in scene.frictional_guides] if capped else []
         self.settling = _SETTLING if tree.loops else 0
         self.joints_are(*tree.coordinates(scene))
         self._motors = motors_of(scene, tree, self.position)

@@ -57,8 +57,8 @@ class LinkTree:
     links : list of Link
     loops : list of str
         Names of the joints that close loops.
-    link_of : dict of str to int
-        Index of each body's link; the ground's is -1.
+    link_of, link_of_joint : dict of str to int
+        Index of each body's link, the ground's is -1, and of the link behind each joint of the tree.
     data : Tree
         For `stiction.engines.shared.step_kernels.motion` and its relatives.
     """
@@ -89,6 +89,7 @@ class LinkTree:
             if root not in self.link_of:
                 self._add_free(root)
             self._grow(scene, joints_of, root)
+        self.link_of_joint = {link.joint: i for i, link in enumerate(self.links) if link.joint is not None}
         self._bodies = len(scene.bodies)
         tables = {field: np.array([getattr(link, field) for link in self.links], dtype=kind)
                   for field, kind in (("parent", np.int64), ("slides", np.int64), ("axis", float), ("anchor", float),

@@ -80,17 +80,18 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
         origin = tree.links[link].point
         ux, uy = direction_of(guide)
         corners = slider_box(guide, options["clearance"])
+        (x0, y0), (x1, y1) = corners[0], corners[3]  # at the lower and at the upper surface
+        height = hypot(x1 - x0, y1 - y0)
+        across = (x1 - x0) / height, (y1 - y0) / height
         pair = _pair(guide, options, timestep)
         for side, sign in SIDES.items():
-            inward = _inward(guide, corners, side)
             place = (guide.point[0] + sign * uy * width / 2, guide.point[1] - sign * ux * width / 2)
             add(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1", pos=numbers(*place, 0.0),
                 zaxis=numbers(-sign * uy, sign * ux, 0.0), **untouched)
             for k in _CORNERS[side]:
-                x, y = corners[k]
+                (x, y), inset = corners[k], sign * radius
                 add(elements[link], "geom", name=f"{name}.corner{k + 1}", type="sphere", size=repr(radius),
-                    pos=numbers(x + radius * inward[0] - origin[0], y + radius * inward[1] - origin[1], 0.0),
-                    **untouched)
+                    pos=numbers(x + inset * across[0] - origin[0], y + inset * across[1] - origin[1], 0.0), **untouched)
                 add(contact, "pair", name=f"{surface(name, side)}.{k + 1}", geom1=surface(name, side),
                     geom2=f"{name}.corner{k + 1}", **pair)
             if guide.frictional:
@@ -112,10 +113,3 @@ def _pair(guide: Translational, options: Mapping[str, Any], timestep: float) -> 
     reference = (-d * options["recovery"] / timestep ** 2, -(1.0 + d) / 2 / timestep)
     return found | {"solref": numbers(*(time_constant, 1.0) if time_constant else reference),
                     "solimp": numbers(d, d, 0.001, 0.5, 2.0)}
-
-
-def _inward(guide: Translational, corners: list[tuple[float, float]], side: str) -> tuple[float, float]:
-    """Return the direction from a surface into the slider, across the guide, in the slider's axes."""
-    (x0, y0), (x1, y1) = corners[0], corners[3]
-    length = hypot(x1 - x0, y1 - y0)
-    return SIDES[side] * (x1 - x0) / length, SIDES[side] * (y1 - y0) / length

@@ -30,7 +30,8 @@ from stiction.engines.shared.fixed_step import columns_of_motion, settings_of
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.momentum import MomentumBalance
+from stiction.engines.shared.step_kernels import Balance, applied_loads
+from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.scenes import Cost, InputError, Scene, Trajectory
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 
@@ -202,12 +203,13 @@ class _Simulation:
         from pydrake.common.value import Value
         from pydrake.systems.framework import LeafSystem
 
-        links, tree, motors, balance = self._links, self._tree, self._motors(scene), MomentumBalance(scene)
-        balance.compile()
+        links, tree, motors, balance = self._links, self._tree, self._motors(scene), Balance.of(scene)
+        link_kernels(applied_loads)
 
         def evaluate(context: Any, output: Any) -> None:
             position, velocity = links.ordered(system.get_input_port().Eval(context))
-            loads = balance.loads(context.get_time(), *tree.motion(position, velocity, self._still)[:2]).tolist()
+            applied_loads(balance, context.get_time(), *tree.motion(position, velocity, self._still)[:2], 0.0)
+            loads = balance.loads.tolist()
             for link, rate, gain, sides in motors:
                 for side, sign in sides:
                     loads[side] += sign * gain * (rate - velocity[link])

@@ -31,8 +31,7 @@ from stiction.engines.protocol import FIDELITIES, accepted
 from stiction.engines.shared.contact_geometry import contact_refusal, crowded, slider_box, unlike_guides
 from stiction.engines.shared.fixed_step import Defaults, Sample, SteppedEngine, Stepper
 from stiction.engines.shared.friction_bound import CoefficientSwitch, FrictionBound
-from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import (SpaceContacts, SpaceStep, begin_space, finish_space,
+from stiction.engines.shared.step_kernels import (SpaceContacts, SpaceStep, assemble, begin_space, finish_space,
                                                   finish_space_contacts)
 from stiction.reference_impl.compiled.kernel import bound
 from stiction.scenes import Scene
@@ -209,7 +208,7 @@ class _PymunkStepper(Stepper):
             follow(shift)
 
     def compile(self) -> None:
-        start, data = self.bound.balance.initial, self.data
+        start, data = self.bound.initial, self.data
         if self._scene.frictional_guides:
             *between, guides = between_steps(self._scene, self._h, self._bias)
             self.bound.data.guides[:] = guides[:len(self.bound.data.guides)]
@@ -372,25 +371,25 @@ def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray
     """
     # ideal guides at both fidelities: boxes have not landed in a first step
     trial = _JointStepper(scene, h, _TRIAL, fixed={GROUND})
-    balance = trial.bound.balance
-    (q, v), share = balance.initial, 1.0 - error_bias ** h
-    of_velocity, of_position = (h / 2 * each for each in _least_accelerations(scene, balance))
+    (q, v), share = trial.bound.initial, 1.0 - error_bias ** h
+    of_velocity, of_position = (h / 2 * each for each in _least_accelerations(scene, trial.bound))
     trial.begin(q - h * of_position, v + of_velocity)
     trial.step()
     return (q - share * h * of_position, v + h / 2 * trial.sample().a - (1.0 - share) * of_velocity,
             trial.bound.data.guides)
 
 
-def _least_accelerations(scene: Scene, balance: MomentumBalance) -> tuple[np.ndarray, np.ndarray]:
+def _least_accelerations(scene: Scene, friction: FrictionBound) -> tuple[np.ndarray, np.ndarray]:
     """Return the least accelerations, by masses, that hold constraints and sliders at rest; without laws behind it."""
-    balance.assemble(0.0, *balance.initial)
-    m, w = balance.data.m, balance.data.w
-    slowest = AT_REST * max(m.length_scale, np.abs(balance.initial[1]).max())
+    balance = friction.balance
+    assemble(balance, 0.0, *friction.initial, 0.0)
+    m, w = balance.m, balance.w
+    slowest = AT_REST * max(m.length_scale, np.abs(friction.initial[1]).max())
     held = np.append(np.arange(m.rows), m.rows + np.flatnonzero(np.abs(w.slip_speed) <= slowest))
     resting = w.gamma.copy()
     resting[m.rows - len(scene.drives):m.rows] += [evaluate_law(drive.law, 0.0)[2] for drive in scene.drives.values()]
-    J = np.zeros((len(w.gamma), len(balance.data.mass)))
+    J = np.zeros((len(w.gamma), len(balance.mass)))
     for place, row, body in m.block.astype(int):
         J[row, body:body + 3] = w.J[place:place + 3]
     force = np.linalg.lstsq(w.G[np.ix_(held, held)], np.stack((w.gamma, resting), axis=1)[held])[0]
-    return tuple(-(J[held].T @ force).T / balance.data.mass)
+    return tuple(-(J[held].T @ force).T / balance.mass)

@@ -24,7 +24,8 @@ from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import columns_of_motion
 from stiction.engines.shared.joint_coordinates import motors_of
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.momentum import MomentumBalance
+from stiction.engines.shared.step_kernels import Balance, applied_loads, assemble, row_forces
+from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.reference_impl.friction.coulomb import friction_coefficients
 from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions
 from stiction.reference_impl.multibody.mechanism import Mechanism
@@ -85,7 +86,7 @@ class TreeAccelerations:
         # of each frictional guide's displacement the index in x, and 1, or -1 where x grows against it
         self._guides = np.searchsorted(self._free, links)
         self._signs = np.array([tree.links[link].sign for link in links], dtype=float)
-        self._balance, self._loaded = MomentumBalance(scene), bool(scene.springs or scene.forces)
+        self._balance, self._loaded = Balance.of(scene), bool(scene.springs or scene.forces)
         self.slip = np.sign(self._slip_speed(self.start)).astype(np.int64)
         self.corner = np.ones((len(links), 4), dtype=np.int64)
 
@@ -97,22 +98,22 @@ class TreeAccelerations:
 
     def compile(self) -> None:
         """Compile what the solutions call, or load it."""
-        self._balance.compile()
+        link_kernels(applied_loads, assemble, row_forces)
 
     def at(self, t: float, y: np.ndarray) -> _Instant:
         """Solve for the accelerations and frictions of a state in the present contact mode."""
         self.calls += 1
         balance, signs, guides, count = self._balance, self._signs, self._guides, len(self.slip)
-        m, w = balance.data.m, balance.data.w
+        m, w = balance.m, balance.w
         second, mobility = self._without_friction(t, y)
         if not count:
             return _Instant(second, np.zeros(0), np.zeros((0, 3)))
         per_newton = mobility[:, guides] * signs
         q, v, a = self._motion(t, y, second)
-        balance.assemble(t, q, v)
+        assemble(balance, t, q, v, 0.0)
         # normal forces and moments of the guides: constant + slope @ friction
-        constant = np.array(balance.reactions(a, np.zeros(count)))
-        slope = np.stack([np.array(balance.reactions(self._motion(t, y, second + add)[2], one)) - constant
+        constant = self._reactions(a, np.zeros(count))
+        slope = np.stack([self._reactions(self._motion(t, y, second + add)[2], one) - constant
                           for add, one in zip(per_newton.T, np.eye(count))], axis=-1)
         matrix, right = np.eye(count), np.zeros(count)
         for i, d in enumerate(self.slip):
@@ -189,11 +190,24 @@ class TreeAccelerations:
         force = -needed[self._free]
         if self._loaded:
             q, v, _ = self.tree.motion(position, velocity, driven)
-            loads = self._balance.loads(t, q, v)
+            applied_loads(self._balance, t, q, v, 0.0)
+            loads = self._balance.loads
             still = np.zeros(len(position))
             for i, unit in enumerate(np.eye(len(position))[self._free]):
                 force[i] += self.tree.motion(position, unit, still)[1] @ loads
         return mobility @ force, mobility
+
+    def _reactions(self, a: np.ndarray, friction: np.ndarray) -> np.ndarray:
+        """Normal forces (N) and moments (N m) of the frictional guides, shape (2, frictional).
+
+        They belong to accelerations of the bodies and these frictions (N) at the assembled instant, by least squares in
+        the metric of the masses, of minimum norm.
+        """
+        balance = self._balance
+        balance.known[:] = friction
+        row_forces(balance, a)
+        rows = balance.m.friction["row"]
+        return np.array([balance.force[rows], balance.force[rows + 1]])
 
     def _motion(self, t: float, y: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
         """Coordinates, velocities and accelerations of the bodies, each of shape (3 * bodies,)."""

@@ -18,8 +18,7 @@ from math import nan
 
 import numpy as np
 
-from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import GUIDE, Attempts, Cap, begin_contacts, finish_contacts
+from stiction.engines.shared.step_kernels import GUIDE, Attempts, Balance, Cap, begin_contacts, finish_contacts
 from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.scenes import Scene
 from stiction.scenes.model import Translational
@@ -76,8 +75,10 @@ class FrictionBound(GuideFriction):
 
     Attributes
     ----------
-    balance : MomentumBalance
+    balance : Balance
         The balance of the scene.
+    initial : tuple of ndarray, each of shape (3 * bodies,)
+        Coordinates and velocities at t = 0.
     data : Cap
         For the kernels of `stiction.engines.shared.step_kernels`.
     held : ndarray, shape (frictional,)
@@ -86,8 +87,9 @@ class FrictionBound(GuideFriction):
 
     def __init__(self, scene: Scene, passes: int, capped: bool):
         super().__init__(scene.frictional_guides.values() if capped else ())
-        self.balance, self.held, self._caps = MomentumBalance(scene), self.guides["held"], self.guides["cap"].tolist
-        self.data = Cap(balance=self.balance.data, guides=self.guides, passes=passes,
+        self.balance, self.held, self._caps = Balance.of(scene), self.guides["held"], self.guides["cap"].tolist
+        self.initial = self.balance.q.copy(), self.balance.v.copy()
+        self.data = Cap(balance=self.balance, guides=self.guides, passes=passes,
                         attempts=np.array((0, _FIRST_STEPS), dtype=Attempts.structure()))
 
     def step(self, advance: Callable[[list[float]], None], finish: Callable[[float], bool], t: float,

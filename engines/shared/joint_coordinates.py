@@ -115,7 +115,7 @@ class TreeStepper(Stepper):
 
     def joints_are(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Have the joints' coordinates and velocities in these arrays from now on, of one's own or the engine's."""
-        balance = self._bound.balance.data
+        balance = self._bound.balance
         links = len(self.tree.links)
         self.position, self.velocity, self.loads = position, velocity, balance.loads
         self.coordinates, v, a = np.zeros((3, len(balance.q)))

@@ -18,8 +18,9 @@ from stiction.reference_impl.compiled.linear_algebra import eliminate, minimum_n
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.coulomb import normal_load
 from stiction.reference_impl.multibody.dynamics import applied_forces, row_form
-from stiction.reference_impl.multibody.kinematics import Workspace, rotate
-from stiction.reference_impl.multibody.mechanism import Arrays
+from stiction.reference_impl.multibody.kinematics import Workspace, rotate, workspace
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
+from stiction.scenes import Scene
 
 SATURATED = 1.0 - 1e-6
 """Part of the cap above which a guide slips: beyond the residuals of the engines' solvers (1e-9), below any load that
@@ -74,6 +75,23 @@ class Balance(Bundle):
     unknown: Integers
     system: Table
     work: Table
+
+    @classmethod
+    def of(cls, scene: Scene) -> Balance:
+        """Return the balance of a scene, with coordinates and rates at t = 0."""
+        mechanism = Mechanism(scene, stabilization="none")
+        m = mechanism.arrays
+        frictional, coordinates = len(m.friction), len(m.inverse_mass)
+        rows = m.rows + frictional
+        balance = cls.zeros(
+            m=m, w=workspace(m), mass=coordinates, bodies=(rows, 2), known=frictional, unit=2 * rows, unknown=rows,
+            system=(rows, rows), work=(rows, rows), **dict.fromkeys(("q", "v", "loads", "excess"), coordinates),
+            **dict.fromkeys(("force", "right", "solution", "least_squares"), rows))
+        balance.q[:], balance.v[:] = mechanism.initial_state()
+        balance.mass[:], balance.bodies[:] = 1.0 / m.inverse_mass, -1
+        for place, row, body in m.block:
+            balance.bodies[row, place % 6 // 3] = body // 3
+        return balance
 
 
 class Cap(Bundle):

@@ -164,10 +164,7 @@ def balance(run: Examined) -> Iterator[str]:
 
 
 def corner_forces(run: Examined) -> Iterator[str]:
-    """Corner forces and surface friction have the resultant and the moment of the guide.
-
-    S F+ + K F-, and the arm b/2 of the friction (paper, (21)).
-    """
+    """Corner forces and surface friction have the resultant and the moment of the guide, S F+ + K F- (paper, (21))."""
     found = run.found
     for name, guide in run.scene.guides.items():
         if guide.length is None:
@@ -184,16 +181,14 @@ def corner_forces(run: Examined) -> Iterator[str]:
 
 
 def modes(run: Examined) -> Iterator[str]:
-    """Modes are -1, 0 or 1.
-
-    An event changes the mode as its kind says, and between a guide's events its mode does not change.
+    """Modes are -1, 0 or 1, change at events as their kinds say, and do not change between a guide's events.
 
     Nor, where corner events are located, do the surfaces that the corners of a slipping guide touch.
     """
     found = run.found
-    for name, guide in run.scene.guides.items():
+    for name, guide in run.scene.frictional_guides.items():
         mode = f"{name}.mode"
-        if not guide.frictional or mode not in found.columns:
+        if mode not in found.columns:
             continue
         column, t = found[mode], found.t
         if (i := first(~np.isin(column, (-1, 0, 1)))) is not None:
@@ -257,8 +252,8 @@ def unreported_events(run: Examined) -> Iterator[str]:
         for i in 1 + np.flatnonzero(changed):
             if not np.any((times >= found.t[i - 1]) & (times <= found.t[i + 2])):
                 yield (f"no event of {name} between t = {found.t[i]:.9g} and {found.t[i + 1]:.9g} s, where its mode "
-                       "goes from "
-                       f"{mode[i]:g} to {mode[i + 1]:g}; expected one there, as the engine says that it locates events")
+                       f"goes from {mode[i]:g} to {mode[i + 1]:g}; expected one there, as the engine says that it "
+                       "locates events")
 
 
 def cone(run: Examined) -> Iterator[str]:
@@ -278,29 +273,22 @@ def cone(run: Examined) -> Iterator[str]:
     loads = {name: np.sum([np.abs(found[f"{name}.{force}"]) for force in
                            (("F1", "F2", "F3", "F4") if guide.length is not None else ("normal_force",))], axis=0)
              for name, guide in guides.items()}
-    located, settings = run.locates(found.settings), found.settings
+    located, settings = bool(run.locates(found.settings)), found.settings
     fastest = max(_largest(found[f"{body}.{label}"]) for body in run.scene.bodies for label in ("vx", "vy"))
     force = max(*map(_largest, loads.values()),
                 max(body.mass for body in run.scene.bodies.values()) * fastest ** 2 / run.size)
     allowed = _baumgarte_force(run) + max(SAME, 10.0 * float(settings.get("rtol") or 0.0)) * force
     begins = 0.0 if located else FIRST_STEPS * float(settings.get("dt", 0.0))
     if not located:
-        allowed += CAP * max(max(guide.kinetic_coefficient, guide.static_coefficient) * _largest(loads[name])
-                             for name, guide in guides.items())
+        allowed += CAP * max(guide.static_coefficient * _largest(loads[name]) for name, guide in guides.items())
     for name, guide in guides.items():
-        friction = found[f"{name}.friction"].astype(float)
+        friction, speed = found[f"{name}.friction"].astype(float), found[f"{name}.slip_velocity"]
         mode = found.columns.get(f"{name}.mode", np.zeros(len(found.t)))
-        if located:
-            slips = mode != 0
-            bound = np.where(slips, guide.kinetic_coefficient, guide.static_coefficient) * loads[name]
-            excess = np.where(slips, np.abs(friction + mode * bound), np.abs(friction) - bound)
-        else:
-            speed = found[f"{name}.slip_velocity"]
-            slips = (mode != 0) & (np.abs(speed) > _nearby_change(speed))
-            largest = max(guide.kinetic_coefficient, guide.static_coefficient)
-            bound = np.where(slips, guide.kinetic_coefficient, largest) * loads[name]
+        slips = (mode != 0) & (located or np.abs(speed) > _nearby_change(speed))
+        bound = np.where(slips, guide.kinetic_coefficient, guide.static_coefficient) * loads[name]
+        if not located:
             bound += _nearby_change(bound)
-            excess = np.abs(friction) - bound
+        excess = np.where(located & slips, np.abs(friction + mode * bound), np.abs(friction) - bound)
         if (i := first((excess > allowed) & (found.t >= begins))) is not None:
             expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
             yield (f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected "
@@ -321,14 +309,13 @@ def continuity(run: Examined) -> Iterator[str]:
     """Positions and velocities do not jump at an event, beyond rounding and the error of a step."""
     for labels in (POSITIONS, VELOCITIES):
         columns = run.columns(labels)
-        size = max(float(np.max(np.abs(run.found[name]))) for name in columns)
+        allowed = ENGINES_OWN * max(float(np.max(np.abs(run.found[name]))) for name in columns) + SAME * run.size
         for event in run.found.events:
             for name in columns:
-                jump = abs(event.after[name] - event.before[name]) if name in event.before else 0.0
-                if jump > ENGINES_OWN * size + SAME * run.size:
+                if name in event.before and abs(event.after[name] - event.before[name]) > allowed:
                     yield (f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = "
-                           f"{event.before[name]:.9g} before "
-                           f"and {event.after[name]:.9g} after; expected no jump of a state")
+                           f"{event.before[name]:.9g} before and {event.after[name]:.9g} after; expected no jump of a "
+                           "state")
 
 
 def _while_moving(predicate: Predicate) -> Predicate:

@@ -39,15 +39,8 @@ def required_columns(scene: Scene) -> list[str]:
 def problems(run: Examined) -> Iterator[str]:
     """Yield each fault of the result of an engine, in words that go on from "the engine returned".
 
-    Take the first alone: each predicate relies on those before it.
-
-    - It is a `Trajectory` with fields of their types, of this scene and fidelity.
-    - Times are finite, begin at 0, increase, and reach `t_end` unless `termination` says why not; then there may be
-      none. Instants are at most two output steps from each other.
-    - There are the `required_columns`, and every column has one finite number per time. Forces may be nan where the
-      motion leaves them open (`recover_columns`), and with accelerations at the start of a run that breaks down there.
-    - Events are finite, in order, within the time of the run, and of guides of the scene.
-    - Its states, columns and events fit the mechanism and each other: `coherence.PREDICATES`.
+    It is a `Trajectory`, and fulfils `PREDICATES` and `coherence.PREDICATES`. Take the first alone: each predicate
+    relies on those before it.
     """
     if not isinstance(run.found, Trajectory):
         yield f"{described(run.found)}; expected a stiction.scenes.Trajectory"
@@ -91,7 +84,10 @@ def breakdown(run: Examined) -> Iterator[str]:
 
 
 def times(run: Examined) -> Iterator[str]:
-    """Times that are finite, begin at 0, increase, and reach the end that was requested."""
+    """Times that are finite, begin at 0, increase by two output steps at most, and reach the end that was requested.
+
+    There may be none, or an earlier end, where `termination` says why.
+    """
     t, t_end, ended = run.found.t, run.t_end, run.found.termination == "end"
     if not isinstance(t, np.ndarray) or t.dtype.kind not in "fiu" or t.ndim != 1:
         yield f"times {described(t)}; expected a one-dimensional array of numbers"
@@ -117,7 +113,10 @@ def times(run: Examined) -> Iterator[str]:
 
 
 def columns(run: Examined) -> Iterator[str]:
-    """All required columns, with one finite number per time but where the motion leaves a force open."""
+    """All required columns, with one finite number per time.
+
+    Forces may be nan where the motion leaves them open, and with accelerations at a start at which a run breaks down.
+    """
     found, scene = run.found, run.scene
     if missing := [name for name in required_columns(scene) if name not in found.columns]:
         others = f" and {len(missing) - _SHOWN} others" if len(missing) > _SHOWN else ""
@@ -127,8 +126,8 @@ def columns(run: Examined) -> Iterator[str]:
     unknown = {}
     for name, values in found.columns.items():
         if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiub" or values.shape != found.t.shape:
-            is_array = isinstance(values, np.ndarray)
-            shape = f"an array of {values.dtype}, shape {values.shape}" if is_array else described(values)
+            shape = (f"an array of {values.dtype}, shape {values.shape}" if isinstance(values, np.ndarray)
+                     else described(values))
             yield f"column {name}: {shape}; expected numbers of shape {found.t.shape}, one per time"
         elif not (finite := np.isfinite(values)).all() and not (run.stopped_at_once and name not in known):
             unknown[name] = ~finite

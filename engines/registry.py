@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -37,7 +38,7 @@ EXTRAS = ("pybullet", "mujoco", "drake", "dart")
 _PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mujoco": "mujoco-core", "drake": "drake",
              "dart": "dartpy", ".fmu": "fmpy"}
 """Packages, as pip knows them, of the engines that the suite has adapters for, and of files."""
-_OWN_PACKAGE = "stiction"
+_OWN, _OWN_PACKAGE = {**BUILT_IN, **PROGRAMS}, "stiction"
 FILES = {".toml": "stiction.engines.program.engine:ProgramEngine", ".fmu": "stiction.engines.fmu.engine:FmuEngine"}
 """Addresses of the engines that are files by the ending of their names; the classes take the absolute path."""
 
@@ -69,8 +70,7 @@ class EngineBroken(EngineMissing):
 
 def engine_names() -> list[str]:
     """Names that `load_engine` knows: the suite's engines, then those of entry points."""
-    own = {**BUILT_IN, **PROGRAMS}
-    return [*own, *sorted(_announced(tuple(sys.path)).keys() - own.keys())]
+    return [*_OWN, *sorted(_announced(tuple(sys.path)).keys() - _OWN.keys())]
 
 
 def is_file(name: str) -> bool:
@@ -123,10 +123,10 @@ def load_engine(name: str) -> Engine:
         if not Path(name).is_file():
             raise UnknownEngine(f"engine: found no file {name!r}; expected the declaration of a program, or an FMU")
         return _of_file(Path(name).resolve())
-    if name not in {**BUILT_IN, **PROGRAMS} and name not in _announced(tuple(sys.path)):
+    if name not in _OWN and name not in _announced(tuple(sys.path)):
         _announced.cache_clear()  # its package may have been installed since
     others = _announced(tuple(sys.path))
-    addresses = {**others, **BUILT_IN, **PROGRAMS}
+    addresses = {**others, **_OWN}
     address = addresses.get(name, name)
     module, _, attribute = address.partition(":")
     if not module or not attribute:
@@ -135,7 +135,8 @@ def load_engine(name: str) -> Engine:
                             "program's FILE.toml or a FILE.fmu"
                             + (f" (did you mean {close[0]!r}?)" if close else ""))
     try:
-        return _made(name, module, attribute)
+        with _packaged(name, name):
+            return _made(name, module, attribute)
     except Exception as error:
         if name in BUILT_IN or name not in others:
             raise  # what was asked for by its address is being written: its author wants the traceback
@@ -145,36 +146,36 @@ def load_engine(name: str) -> Engine:
 
 def _of_file(path: Path) -> Engine:
     module, _, attribute = FILES[path.suffix].partition(":")
-    try:
+    with _packaged(path.name, path.suffix):
         engine = getattr(import_module(module), attribute)(path)
-        if engine.name in BUILT_IN:
-            raise InputError(f"{path}: found the name {engine.name!r}; expected another name: an engine of the suite "
-                             "has it")
-        return engine
+    if engine.name in BUILT_IN:
+        raise InputError(f"{path}: found the name {engine.name!r}; expected another name: an engine of the suite has "
+                         "it")
+    return engine
+
+
+@contextmanager
+def _packaged(shown: str, name: str) -> Iterator[None]:
+    """Say of an engine's package that cannot be imported what brings it."""
+    try:
+        yield
     except ImportError as error:
         if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
             raise
-        raise EngineMissing(f"{path.name}: {error}{_remedy(path.suffix)}") from error
+        raise EngineMissing(f"{shown}: {error}{_remedy(name)}") from error
 
 
 def _made(name: str, module: str, attribute: str) -> Engine:
     """The engine, which has said what its version and its capabilities are."""
+    engine = _class(name, import_module(module), attribute)()
     try:
-        engine = _class(name, import_module(module), attribute)()
-        try:
-            str(engine.version)  # asks the engine's own package, which adapters import late
-        except ImportError:
-            raise
-        except Exception as error:
-            # whatever a broken package raises, or another one of its name: the other engines go on
-            if name not in _PACKAGES:
-                raise  # a mistake in an adapter of others
-            raise EngineBroken(f"{name}: its package is broken: {type(error).__name__}: "
-                               f"{error}{_remedy(name, ' --force-reinstall --no-deps')}") from error
-    except ImportError as error:
-        if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
-            raise
-        raise EngineMissing(f"{name}: {error}{_remedy(name)}") from error
+        str(engine.version)  # asks the engine's own package, which adapters import late
+    except Exception as error:
+        # whatever a broken package raises, or another one of its name: the other engines go on
+        if isinstance(error, ImportError) or name not in _PACKAGES:
+            raise  # not installed, or a mistake in an adapter of others
+        raise EngineBroken(f"{name}: its package is broken: {type(error).__name__}: "
+                           f"{error}{_remedy(name, ' --force-reinstall --no-deps')}") from error
     if not isinstance(engine.capabilities, Capabilities):
         raise TypeError(f"engine {name!r}: capabilities is {engine.capabilities!r}; expected "
                         "stiction.engines.Capabilities")

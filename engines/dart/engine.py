@@ -7,15 +7,14 @@ prescribed velocity. Friction: the Coulomb friction of DART's joints at the boun
 Contact fidelity. The slider has four small spheres whose outer points are the corners of a box of the guide's length
 and width, between two half-spaces, without clearance; or it is that box, between two fixed boxes. Contacts are solved
 by DART's projected Gauss-Seidel to convergence: of contacts in the plane Dantzig's matrix is singular, and where it is
-not, his friction is bound by the normal forces without friction. Each slider is the root of a tree, so that a step ends
-on the surface on which it slid; joints from one tree to another are loops.
+not, his friction is bound by the normal forces without friction.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from importlib import import_module
 from itertools import combinations
 from typing import Any
@@ -23,8 +22,9 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import BadTrajectory, accepted, installed_version
-from stiction.engines.shared.acceleration_integrator import TreeAccelerations
+from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.contact_geometry import REACH, box_angle, direction_of, several_guides, slider_box
+from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import Defaults
 from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper, motor_link
 from stiction.engines.shared.link_tree import LinkTree
@@ -50,8 +50,8 @@ _CONVERGED = 1e-12
 """Relative change of an impulse in a sweep of Gauss-Seidel at which it ends. DART's own is 1e-3, after which contacts
 let go and hit."""
 _MASS = 1e6
-"""About that of all bodies together, in the unit that DART is given, a power of 2: its Gauss-Seidel takes any impulse
-below 1e-8 for converged (PGS_EPSILON)."""
+"""About that of all bodies together, in the unit that DART is given at contact fidelity, a power of 2: its Gauss-Seidel
+takes any impulse below 1e-8 for converged (PGS_EPSILON)."""
 _NO_MOBILITY = 1e-9
 """Part of the inverse of all masses below which a direction of a contact cannot be moved. Those out of the plane
 cannot, to rounding."""
@@ -71,20 +71,16 @@ class DartEngine(TreeEngine):
     """
 
     name, called, defaults = "dart", "DART", _SETTINGS
+    reach = {"joint": math.inf, "contact": REACH}
 
     @property
     def version(self) -> str:
         import_module("dartpy")  # ImportError where it cannot be imported
         return accepted("dartpy", installed_version("dartpy"))
 
-    def reach(self, fidelity: str) -> float:
-        return REACH if fidelity == "contact" else math.inf
-
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if reason := super().refusal(scene, fidelity):
+        if (reason := super().refusal(scene, fidelity)) or fidelity == "joint":
             return reason
-        if fidelity == "joint":
-            return None
         for name, guide in scene.frictional_guides.items():
             for coefficient in (guide.kinetic_coefficient, guide.static_coefficient):
                 if 0 < coefficient <= _LEAST_FRICTION:
@@ -104,8 +100,25 @@ class DartEngine(TreeEngine):
         with _loops_closed_by(options["erp"]):
             yield (_Stepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
 
-    def accelerations(self, scene: Scene) -> AbstractContextManager[TreeAccelerations]:
-        return nullcontext(_Accelerations(scene))
+    @contextmanager
+    def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
+        skeletons, *_ = _skeletons(scene, tree)
+        for skeleton, _ in skeletons:
+            skeleton.setGravity(np.array([*(scene.gravity or (0.0, 0.0)), 0.0]))
+
+        def mass_and_bias(position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            mass, bias = np.zeros((len(position), len(position))), np.zeros(len(position))
+            for skeleton, part in skeletons:
+                skeleton.setPositions(position[part])
+                skeleton.setVelocities(velocity[part])
+                mass[part, part], bias[part] = skeleton.getMassMatrix(), skeleton.getCoriolisAndGravityForces()
+            return mass, bias
+
+        def evaluate(position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            mass, bias = clock.call(mass_and_bias, position, velocity)
+            return mass, mass @ second + bias
+
+        yield evaluate
 
 
 @contextmanager
@@ -168,10 +181,6 @@ def _placed(point: Sequence[float] | np.ndarray, angle: float) -> Any:
     return place
 
 
-def _gravity(scene: Scene) -> np.ndarray:
-    return np.array([*(scene.gravity or (0.0, 0.0)), 0.0])
-
-
 class _Stepper(TreeStepper):
     """A scene as DART's world of a skeleton for each branch from the ground, friction as that of its joints."""
 
@@ -180,10 +189,11 @@ class _Stepper(TreeStepper):
         from dartpy.simulation import World
 
         super().__init__(scene, h, options)
-        tree, self._unit = self.tree, self._unit_of(scene)
+        tree, mass = self.tree, sum(body.mass for body in scene.bodies.values())
+        self._unit = 2.0 ** round(math.log2(_MASS / mass)) if self.fidelity == "contact" else 1.0
         self._world = world = World()
         world.setTimeStep(h)
-        world.setGravity(_gravity(scene))
+        world.setGravity(np.array([*(scene.gravity or (0.0, 0.0)), 0.0]))
         sleep = world.getDeactivationOptions()
         sleep.mEnabled = False  # on by default: what hardly moves is stopped
         world.setDeactivationOptions(sleep)
@@ -197,10 +207,6 @@ class _Stepper(TreeStepper):
             self._close_loop(scene, name)
         self._bodies = [(self._links[link], tree.centre(link))
                         for link in (tree.link_of[name] for name in scene.bodies)] if self.loaded else []
-
-    def _unit_of(self, scene: Scene) -> float:
-        """Factor of the masses and forces that DART gets."""
-        return 1.0
 
     def _close_loop(self, scene: Scene, name: str) -> None:
         from dartpy.constraint import BallJointConstraint
@@ -237,15 +243,12 @@ class _Stepper(TreeStepper):
             moves = slip_speed > _AT_REST * np.abs(self.velocity).max(initial=0.0)
             self.held[:] = 0.0
             if moves.any():
-                friction = slip_speed / (_MIXING * self.h * self._mobility())
+                # 1/kg of each guide's joint, as DART has it: other joints are free, and loops open
+                mobility = np.concatenate([np.diagonal(skeleton.getInvMassMatrix()) for skeleton, _ in self._skeletons])
+                friction = slip_speed / (_MIXING * self.h * mobility[self.friction_links])
                 self.held[moves] = np.minimum(friction, caps)[moves]
         else:
             self.held[:] = np.abs(self._of_all("getConstraintForces")[self.friction_links])
-
-    def _mobility(self) -> np.ndarray:
-        """1/kg of each guide's joint with a bound, as DART has it: other joints are free, and loops open."""
-        own = np.concatenate([np.diagonal(skeleton.getInvMassMatrix()) for skeleton, _ in self._skeletons])
-        return own[self.friction_links]
 
     def _of_all(self, what: str) -> np.ndarray:
         """Coordinates of each skeleton, in one array."""
@@ -270,9 +273,9 @@ class _ContactStepper(ContactStepper, _Stepper):
             along = np.array(direction_of(guide))
             _, surface = ground.createWeldJointAndBodyNodePair()
             surfaces.append((surface, slider))
-            corners, faces = (_spheres, _half_spaces) if options["shape"] == "spheres" else (_box, _walls)
-            touching = [_touch(slider, number, shape, place) for shape, place in corners(guide)]
-            for shape, place in faces(guide, along):
+            own, fixed = (_spheres if options["shape"] == "spheres" else _boxes)(guide, along)
+            touching = [_touch(slider, number, shape, place) for shape, place in own]
+            for shape, place in fixed:
                 _touch(surface, number, shape, place).setFrictionCoeff(_ROUGH)
             for aspect in touching:
                 aspect.setFrictionCoeff(0.0)
@@ -284,9 +287,6 @@ class _ContactStepper(ContactStepper, _Stepper):
         # of a root, x is two links before its angle
         self._ends = [(name, self.tree.link_of[guide.slider] - 2, guide.point) for name, guide in scene.guides.items()]
         self._set: Sequence[float] = []
-
-    def _unit_of(self, scene: Scene) -> float:
-        return 2.0 ** round(math.log2(_MASS / sum(body.mass for body in scene.bodies.values())))
 
     def _solve_by_gauss_seidel(self, iterations: int) -> None:
         from dartpy.constraint import BoxedLcpConstraintSolver, PgsBoxedLcpSolverOption
@@ -325,7 +325,8 @@ class _ContactStepper(ContactStepper, _Stepper):
     def contact_forces(self) -> tuple[list[float], list[float]]:
         contacts, normals, frictions = self._world.getLastCollisionResult().getContacts(), [], []
         for number, _, ux, uy in self._guides:
-            forces = [contact.force.tolist() for contact in contacts if self._alone or _guide_of(contact) == number]
+            forces = [contact.force.tolist() for contact in contacts if self._alone  # whose shapes have its number
+                      or int(contact.collisionObject1.getShapeFrame().getName().split()[0]) == number]
             normals.append(sum([abs(ux * fy - uy * fx) for fx, fy, _ in forces]) / self._unit)
             frictions.append(sum([abs(ux * fx + uy * fy) for fx, fy, _ in forces]) / self._unit)
         return normals, frictions
@@ -340,60 +341,25 @@ def _touch(body: Any, number: int, shape: Any, place: Any) -> Any:
     return node.getDynamicsAspect()
 
 
-def _guide_of(contact: Any) -> int:
-    """The number of the guide that a contact is in."""
-    return int(contact.collisionObject1.getShapeFrame().getName().split()[0])
+def _spheres(guide: Translational, along: np.ndarray) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
+    """Shapes of the slider and of the guide's two surfaces, with their places.
+
+    Those of the slider count from its centre of mass, which is the origin of the root of a tree.
+    """
+    from dartpy.dynamics import PlaneShape, SphereShape
+
+    width = guide.extent[1]
+    radius, inward = _RADIUS * width, np.array([-along[1], along[0]])
+    return ([(SphereShape(radius), _placed(corner, 0.0)) for corner in slider_box(guide, 2 * radius)],
+            [(PlaneShape(np.array([*normal, 0.0]), float(normal @ guide.point) - width / 2), _placed((0.0, 0.0), 0.0))
+             for normal in (inward, -inward)])
 
 
-def _spheres(guide: Translational) -> list[tuple[Any, Any]]:
-    """Shapes of the slider, and their places from its centre of mass, which is the origin of the root of a tree."""
-    from dartpy.dynamics import SphereShape
-
-    radius = _RADIUS * guide.extent[1]
-    return [(SphereShape(radius), _placed(corner, 0.0)) for corner in slider_box(guide, 2 * radius)]
-
-
-def _box(guide: Translational) -> list[tuple[Any, Any]]:
-    from dartpy.dynamics import BoxShape
-
-    return [(BoxShape(np.array([*guide.extent, 2 * _DEPTH])), _placed(guide.slider_point, box_angle(guide)))]
-
-
-def _half_spaces(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any]]:
-    """Shapes of the guide's two surfaces, and their places on the ground."""
-    from dartpy.dynamics import PlaneShape
-
-    inward = np.array([-along[1], along[0]])
-    return [(PlaneShape(np.array([*normal, 0.0]), float(normal @ guide.point) - guide.extent[1] / 2),
-             _placed((0.0, 0.0), 0.0)) for normal in (inward, -inward)]
-
-
-def _walls(guide: Translational, along: np.ndarray) -> list[tuple[Any, Any]]:
+def _boxes(guide: Translational, along: np.ndarray) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
+    """Shapes and places as of `_spheres`."""
     from dartpy.dynamics import BoxShape
 
     away, angle = np.array([-along[1], along[0]]) * (guide.extent[1] / 2 + _DEPTH), math.atan2(along[1], along[0])
-    return [(BoxShape(np.array([2 * REACH, 2 * _DEPTH, 4 * _DEPTH])), _placed(guide.point + side * away, angle))
-            for side in (-1, 1)]
-
-
-class _Accelerations(TreeAccelerations):
-    """DART's mass matrix and bias forces."""
-
-    def __init__(self, scene: Scene):
-        super().__init__(scene)
-        self._skeletons, *_ = _skeletons(scene, self._tree)
-        for skeleton, _ in self._skeletons:
-            skeleton.setGravity(_gravity(scene))
-
-    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        mass, bias = self.clock.call(self._mass_and_bias, position, velocity)
-        return mass, mass @ second + bias
-
-    def _mass_and_bias(self, position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates of all skeletons, by the engine."""
-        mass, bias = np.zeros((len(position), len(position))), np.zeros(len(position))
-        for skeleton, part in self._skeletons:
-            skeleton.setPositions(position[part])
-            skeleton.setVelocities(velocity[part])
-            mass[part, part], bias[part] = skeleton.getMassMatrix(), skeleton.getCoriolisAndGravityForces()
-        return mass, bias
+    return ([(BoxShape(np.array([*guide.extent, 2 * _DEPTH])), _placed(guide.slider_point, box_angle(guide)))],
+            [(BoxShape(np.array([2 * REACH, 2 * _DEPTH, 4 * _DEPTH])), _placed(guide.point + side * away, angle))
+             for side in (-1, 1)])

@@ -30,7 +30,8 @@ from stiction.engines.shared.fixed_step import columns_of_motion, settings_of
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.momentum import MomentumBalance
+from stiction.engines.shared.step_kernels import Balance, applied_loads
+from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.scenes import Cost, InputError, Scene, Trajectory
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 
@@ -63,10 +64,7 @@ def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | No
                    output_step: float, settings: Mapping[str, Any]) -> Trajectory:
     """Integrate from t = 0 to t_end; arguments, errors as of `Engine.run`.
 
-    Raises
-    ------
-    BadTrajectory
-        If static friction was lost, by too small a stiction tolerance for the steps and the loads.
+    BadTrajectory if static friction was lost, by too small a stiction tolerance for the steps and the loads.
     """
     if dt is not None or fidelity != "contact":
         raise InputError(f"method={METHOD}: found dt or joint fidelity; expected rtol and contact fidelity")
@@ -90,23 +88,25 @@ def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | No
         raise EngineFailure(f"{engine.name}: {str(error).partition('. ')[0]}, after t = {instant:g} s with rtol = "
                             f"{rtol:g}") from error
     ended, engine_s = time.process_time(), simulation.clock.engine_s
+    steps = simulation.simulator.get_integrator().get_num_steps_taken()
     q, v, a, forces = (np.array(part) for part in zip(*samples))
-    bodies, modes, frictions = list(scene.bodies), np.zeros(forces.shape, dtype=np.int8), np.zeros(forces.shape)
+    bodies, tolerance = list(scene.bodies), options["stiction_tolerance"]
+    modes, frictions = np.zeros(forces.shape, dtype=np.int8), np.zeros(forces.shape)
     for i, ((name, guide), normal) in enumerate(zip(scene.frictional_guides.items(), forces.T)):
         least = (_BY_STEP * guide.static_coefficient * normal.max() * options["longest_step"]
                  / scene.bodies[guide.slider].mass)
-        if guide.static_coefficient > guide.kinetic_coefficient and options["stiction_tolerance"] < least:
-            raise BadTrajectory(f"{engine.name}: stiction_tolerance: found {options['stiction_tolerance']:g}; expected "
-                                f"at least {least:.2g} m/s in joints.{name}, whose contacts are "
-                                f"loaded with up to {normal.max():.3g} N, with steps of up to "
-                                f"{options['longest_step']:g} s: below, static friction is lost")
+        if guide.static_coefficient > guide.kinetic_coefficient and tolerance < least:
+            raise BadTrajectory(f"{engine.name}: stiction_tolerance: found {tolerance:g}; expected at least "
+                                f"{least:.2g} m/s in joints.{name}, whose contacts are loaded with up to "
+                                f"{normal.max():.3g} N, with steps of up to {options['longest_step']:g} s: below, "
+                                "static friction is lost")
         slip = v[:, 3 * bodies.index(guide.slider):][:, :2] @ direction_of(guide)
-        modes[:, i] = np.where(np.abs(slip) < _STICKS * options["stiction_tolerance"], 0, np.sign(slip))
+        modes[:, i] = np.where(np.abs(slip) < _STICKS * tolerance, 0, np.sign(slip))
         frictions[:, i] = np.where(modes[:, i], -modes[:, i] * guide.kinetic_coefficient * normal, np.nan)
     return Trajectory(scene=scene.name, engine=engine.name, version=engine.version, fidelity=fidelity, t=t,
                       columns=columns_of_motion(scene, t, q, v, a, modes, frictions),
                       settings={"rtol": rtol, "method": METHOD, **options, "friction_law": FRICTION_LAW},
-                      cost=Cost(setup_s, 0.0, ended - started, {"steps": simulation.steps}, engine_s))
+                      cost=Cost(setup_s, 0.0, ended - started, {"steps": steps}, engine_s))
 
 
 def _coefficients(mu: float, mus: float) -> tuple[float, float]:
@@ -149,14 +149,13 @@ class _Simulation:
         plant.set_contact_model(ContactModel.kPoint)
         plant.set_stiction_tolerance(options["stiction_tolerance"])
         materials = [Material(options["stiffness"], *_coefficients(guide.kinetic_coefficient, guide.static_coefficient),
-                              options["dissipation"],
-                              relaxation_time=0.0) for guide in scene.guides.values()]
+                              options["dissipation"], relaxation_time=0.0) for guide in scene.guides.values()]
         self._boxes = boxes = Boxes(scene, tree, links.bodies, plant, graph, materials)
         plant.Finalize()
         if scene.springs or scene.forces or scene.drives:
             self._add_loads(scene, builder)
         links.finalize(builder)
-        self._simulator = simulator = Simulator(links.system, links.root)
+        self.simulator = simulator = Simulator(links.system, links.root)
         boxes.begin(links.root)
         self._land(boxes, *start, math.sqrt(min(body.mass for body in scene.bodies.values()) / options["stiffness"]))
         ResetIntegratorFromFlags(simulator, "cenic", options["longest_step"]).set_target_accuracy(accuracy)
@@ -169,7 +168,7 @@ class _Simulation:
         """
         from pydrake.systems.analysis import ResetIntegratorFromFlags
 
-        simulator, position = self._simulator, start.copy()
+        simulator, position = self.simulator, start.copy()
         for step in (*[period] * _TOUCHING, *[10 * period] * _LANDING):
             # an old one takes what it has found at this time for what is there
             ResetIntegratorFromFlags(simulator, "cenic", step).set_fixed_step_mode(True)
@@ -187,16 +186,12 @@ class _Simulation:
     def _begin(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self._links.put(position, velocity)
         self._links.root.SetTime(0.0)
-        self._simulator.Initialize()
-
-    @property
-    def steps(self) -> int:
-        return self._simulator.get_integrator().get_num_steps_taken()
+        self.simulator.Initialize()
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities of the bodies at an instant, not before the last one asked for."""
         if t > 0:  # a step of no length is against an assertion of Drake's
-            self.clock.call(self._simulator.AdvanceTo, t)
+            self.clock.call(self.simulator.AdvanceTo, t)
         return self._tree.motion(*self._links.state(), self._still)[:2]
 
     def normals(self) -> list[float]:
@@ -208,12 +203,13 @@ class _Simulation:
         from pydrake.common.value import Value
         from pydrake.systems.framework import LeafSystem
 
-        links, tree, motors, balance = self._links, self._tree, self._motors(scene), MomentumBalance(scene)
-        balance.compile()
+        links, tree, motors, balance = self._links, self._tree, self._motors(scene), Balance.of(scene)
+        link_kernels(applied_loads)
 
         def evaluate(context: Any, output: Any) -> None:
             position, velocity = links.ordered(system.get_input_port().Eval(context))
-            loads = balance.loads(context.get_time(), *tree.motion(position, velocity, self._still)[:2]).tolist()
+            applied_loads(balance, context.get_time(), *tree.motion(position, velocity, self._still)[:2], 0.0)
+            loads = balance.loads.tolist()
             for link, rate, gain, sides in motors:
                 for side, sign in sides:
                     loads[side] += sign * gain * (rate - velocity[link])

@@ -8,9 +8,7 @@ solved for implicitly with the step, and an effort limit: friction is a servo at
 drive one without limit. Drake limits a servo's gain: a sticking slider creeps with 1/3948 of the speed that its load
 would give it in a step.
 
-Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`). Each slider has
-coordinates of its own, so that those of other bodies do not press it into its guide by what a step leaves of their
-curvature; pins that tie it to another slider's branch close loops. The continuous plant:
+Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`). The continuous plant:
 `stiction.engines.drake.continuous`.
 """
 
@@ -18,8 +16,8 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from importlib import import_module
 from typing import Any
 
@@ -29,9 +27,11 @@ from stiction.engines.drake.contact import Boxes, Material, corner_inertias
 from stiction.engines.drake.continuous import METHOD, run_continuous
 from stiction.engines.drake.plant import Plant, start_mass
 from stiction.engines.protocol import accepted, installed_version
-from stiction.engines.shared.acceleration_integrator import TreeAccelerations
+from stiction.engines.shared.acceleration_integrator import Dynamics
+from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import Defaults
 from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper, motor_link
+from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene, Trajectory
 
@@ -92,8 +92,17 @@ class DrakeEngine(TreeEngine):
                 fidelity: str) -> AbstractContextManager[TreeStepper]:
         return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options))
 
-    def accelerations(self, scene: Scene) -> AbstractContextManager[TreeAccelerations]:
-        return nullcontext(_Accelerations(scene))
+    @contextmanager
+    def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
+        links = Plant(scene, tree, 0.0)
+        links.finalize()
+
+        def evaluate(position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            links.put(position, velocity)
+            mass, bias = clock.call(links.dynamics)
+            return mass, mass @ second + bias
+
+        yield evaluate
 
 
 class _DrakeStepper(TreeStepper):
@@ -102,7 +111,7 @@ class _DrakeStepper(TreeStepper):
     _output: Any
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        from pydrake.multibody.tree import default_model_instance
+        from pydrake.multibody.tree import PdControllerGains, default_model_instance
 
         super().__init__(scene, h, options)
         tree, self._options = self.tree, options
@@ -116,8 +125,12 @@ class _DrakeStepper(TreeStepper):
         self._mass = start_mass(scene, tree)
         driven = [motor_link(scene, tree, drive)[0] for drive in scene.drives.values()]
         self._servos = {link: place for place, link in enumerate([*self.friction_links, *driven])}
-        servos = [self._add_servo(link, _GAIN * float(self._mass[link, link]) / h) for link in self._servos]
-        self._brakes = servos[:len(self.friction_links)]
+        self._brakes = []
+        for link, place in self._servos.items():
+            servo = plant.AddJointActuator(f"servo-{link}", self._links.joints[link])
+            servo.set_controller_gains(PdControllerGains(p=0.0, d=_GAIN * float(self._mass[link, link]) / h))
+            if place < len(self.friction_links):
+                self._brakes.append(servo)
         self._links.finalize(self._surround(scene))
         self._context = self._links.context
         self._wished = np.zeros((2, len(self._servos)))
@@ -137,13 +150,6 @@ class _DrakeStepper(TreeStepper):
         place, link = np.array((*point, 0.0)), self.tree.link_of[body]
         return (self._plant.world_body(), place) if link < 0 else (self._links.bodies[link],
                                                                    self.tree.centre(link) + place)
-
-    def _add_servo(self, link: int, gain: float) -> Any:
-        from pydrake.multibody.tree import PdControllerGains
-
-        servo = self._plant.AddJointActuator(f"servo-{link}", self._links.joints[link])
-        servo.set_controller_gains(PdControllerGains(p=0.0, d=gain))
-        return servo
 
     def drive_rate(self, link: int, rate: float) -> None:
         self._wished[1, self._servos[link]] = rate
@@ -239,10 +245,14 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
         self._begin_again(start, velocity)
 
     def _begin_again(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Begin the first step here, with the stick of all guides that do not slip left open."""
         self._k = 0
         self.position[:], self.velocity[:] = position, velocity
         self.put(position, velocity)
-        self.friction.forget(position, velocity)
+        guides = self.friction.guides
+        guides["slip_speed"] = self.slip_speeds()
+        guides["stuck"] = guides["change"] = 0
+        self.friction.begin()
         self.begin()
 
     def rub(self, coefficients: Sequence[float]) -> None:
@@ -254,17 +264,3 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
         bounds = [coefficient * normal for coefficient, normal in zip(self.friction.coefficients(), before)]
         return before, [max(friction, bound) if friction > _SLIPS * bound else friction
                         for friction, bound in zip(frictions, bounds)]
-
-
-class _Accelerations(TreeAccelerations):
-    """Drake's mass matrix and bias forces."""
-
-    def __init__(self, scene: Scene):
-        super().__init__(scene)
-        self._links = Plant(scene, self._tree, 0.0)
-        self._links.finalize()
-
-    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        self._links.put(position, velocity)
-        mass, bias = self.clock.call(self._links.dynamics)
-        return mass, mass @ second + bias

@@ -15,12 +15,7 @@ from stiction.scenes import Scene
 class Plant:
     """A scene's tree of links as multibody plant.
 
-    Parameters
-    ----------
-    time_step : float
-        Seconds; 0 for a continuous plant.
-    least_mass : float
-        Of links without body, kg.
+    It is continuous where its step is 0. Links without body have the least mass, kg.
 
     Attributes
     ----------
@@ -44,15 +39,10 @@ class Plant:
         self.bodies: list[Any] = []
         self.joints: list[Any] = []
         for i, link in enumerate(tree.links):
-            if link.body is None:
-                inertia = SpatialInertia.Zero()
-                if least_mass:
-                    inertia = SpatialInertia.MakeFromCentralInertia(least_mass, np.zeros(3),
-                                                                    RotationalInertia(0.0, 0.0, 0.0))
-            else:
-                data = scene.bodies[link.body]
-                inertia = SpatialInertia.MakeFromCentralInertia(data.mass, tree.centre(i),
-                                                                RotationalInertia(*[data.inertia] * 3))
+            data = None if link.body is None else scene.bodies[link.body]
+            mass, turning = (data.mass, data.inertia) if data else (least_mass, 0.0)
+            inertia = SpatialInertia.Zero() if not mass else SpatialInertia.MakeFromCentralInertia(
+                mass, tree.centre(i), RotationalInertia(*[turning] * 3))
             body = plant.AddRigidBody(f"link-{i}", inertia)
             parent = self.bodies[link.parent] if link.parent >= 0 else plant.world_body()
             frame = plant.AddFrame(FixedOffsetFrame(f"parent-{i}", parent.body_frame(),

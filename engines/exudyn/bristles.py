@@ -39,27 +39,17 @@ HELD = 1e-9
 
 
 class BristleGuide(SlidingGuide):
-    """The friction of one slider.
+    """The friction of one slider of a model that is not yet assembled, by the adapter's settings and the step, s.
 
-    Parameters
+    Attributes
     ----------
-    model : Model
-        Not yet assembled.
-    name, joint : str, Translational
-        The guide's joint, which has friction.
-    stiffness, damping : float
-        Coefficients of the bristles, N/m and N s/m.
     decay : float
-        v_s, the speed at which 37 % of the static excess F_s are left, over the change of the slip speed that F_s makes
-        in a step. As attribute: v_s over F_s, m/(N s).
-    step : float
-        s.
+        v_s, the speed at which 37 % of the static excess F_s are left, over F_s, m/(N s).
     """
 
-    def __init__(self, model: Model, name: str, joint: Translational, stiffness: float, damping: float, decay: float,
-                 step: float):
+    def __init__(self, model: Model, name: str, joint: Translational, options: Mapping[str, float], step: float):
         super().__init__(model, name, joint)
-        self.decay = decay * step / moved_mass(model.scene, name)
+        self.decay = options["static_decay"] * step / moved_mass(model.scene, name)
         items = model.items
         q, v = model.initial_state()
         speed = self.slip_speed(q, v)
@@ -71,13 +61,13 @@ class BristleGuide(SlidingGuide):
             numberOfDataCoordinates=3))
         self.bristles = self.system.AddObject(items.ObjectConnectorCoordinateSpringDamperExt(
             name=f"{name}-bristles", markerNumbers=[model.zero(), self.along], nodeNumber=self.node,
-            stickingStiffness=stiffness, stickingDamping=damping,
+            stickingStiffness=options["bristle_stiffness"], stickingDamping=options["bristle_damping"],
             dynamicFrictionForce=LEAST, exponentialDecayStatic=LEAST))
 
     def renew(self, multipliers: np.ndarray) -> None:
         """Largest forces and the surface moment from multipliers; nothing of them changes within a step."""
         R = self.measure_load(multipliers)
-        self.mode, self.friction = self._state()
+        self.mode, self.friction, _ = self.record()
         excess = max(self.mus - self.coefficient, 0.0) * self.load
         for parameter, value in (("dynamicFrictionForce", max(self.coefficient * self.load, LEAST)),
                                  ("staticFrictionOffsetForce", excess),
@@ -85,25 +75,19 @@ class BristleGuide(SlidingGuide):
             self.system.SetObjectParameter(self.bristles, parameter, value)
         self.apply_surface_moment(self.friction, R)
 
-    def _state(self) -> tuple[int, float]:
-        """Mode and force on the slider along the guide (N) of the last step."""
+    def record(self) -> tuple[int, float, float]:
+        """Mode, force on the slider along the guide (N) and surface moment (N m) of the last step."""
         import exudyn
 
         kind = exudyn.OutputVariableType
         force = float(self.system.GetObjectOutput(self.bristles, kind.Force))
         sliding = float(self.system.GetNodeOutput(self.node, kind.Coordinates)[0])
-        return int(copysign(1, sliding)) if sliding else 0, -force
-
-    def record(self) -> tuple[int, float, float]:
-        """Mode, friction and surface moment of the last step."""
-        mode, friction = self._state()
-        return mode, friction, self.surface_moment
+        return int(copysign(1, sliding)) if sliding else 0, -force, self.surface_moment
 
 
 def bristle_guides(model: Model, options: Mapping[str, float], step: float) -> list[BristleGuide]:
-    """Give a model bristles in each guide with friction, by the settings of ``method="bristles"`` and the step, s."""
-    return [BristleGuide(model, name, guide, options["bristle_stiffness"], options["bristle_damping"],
-                         options["static_decay"], step)
+    """Give a model bristles in each guide with friction."""
+    return [BristleGuide(model, name, guide, options, step)
             for name, guide in model.scene.frictional_guides.items() if guide.static_coefficient]
 
 

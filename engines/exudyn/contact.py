@@ -6,7 +6,9 @@ at the corners themselves, without clearance, while the slider is parallel to th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import cos, sin
+from typing import Any
 
 import numpy as np
 
@@ -22,22 +24,12 @@ CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
 class ContactGuide:
-    """The contacts of one slider.
+    """The contacts of one slider of a model that is not yet assembled, by the adapter's settings.
 
-    Parameters
-    ----------
-    model : Model
-        Not yet assembled.
-    name, joint : str, Translational
-        The guide's joint, with length, width > 0 and at most one coefficient of friction.
-    stiffness, damping : float
-        Coefficients of each contact, N/m and N s/m.
-    friction_zone : float
-        m/s; below this speed friction is proportional to the speed: a sticking slider creeps.
+    The guide has length and width > 0, and at most one coefficient of friction.
     """
 
-    def __init__(self, model: Model, name: str, joint: Translational, stiffness: float, damping: float,
-                 friction_zone: float):
+    def __init__(self, model: Model, name: str, joint: Translational, options: Mapping[str, float]):
         import exudyn
 
         self.name, self.joint = name, joint
@@ -59,17 +51,17 @@ class ContactGuide:
             self._contacts.append(system.AddObject(items.ObjectContactSphereTriangle(
                 markerNumbers=[model.rigid(joint.slider, tuple(np.array(joint.slider_point) + centre)), plane],
                 nodeNumber=data, sphereRadius=radius, trianglePoints=exudyn.Vector3DList(points), includeEdges=0,
-                dynamicFriction=joint.mu or 0.0, frictionProportionalZone=friction_zone,
-                contactStiffness=stiffness, contactDamping=damping)))
+                dynamicFriction=joint.mu or 0.0, frictionProportionalZone=options["friction_zone"],
+                contactStiffness=options["contact_stiffness"], contactDamping=options["contact_damping"])))
 
-    def forces(self) -> np.ndarray:
+    def record(self) -> np.ndarray:
         """Forces of the contacts on the slider, shape (4, 2), ground axes, in the order F1 .. F4."""
         import exudyn
 
         kind = exudyn.OutputVariableType.Force
         return np.array([self._model.system.GetObjectOutput(contact, kind)[:2] for contact in self._contacts])
 
-    def columns(self, forces: np.ndarray, q: np.ndarray) -> dict[str, np.ndarray]:
+    def columns(self, forces: np.ndarray, q: np.ndarray, _: Any) -> dict[str, np.ndarray]:
         """The guide's columns from forces of shape (n, 4, 2) and states of shape (n, 3 * bodies)."""
         joint = self.joint
         angle = q[:, 3 * self._model.index[joint.slider] + 2] - joint.angle

@@ -10,14 +10,14 @@ import contextlib
 import io
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
-from stiction.engines.exudyn.bristles import FRICTION_LAW, bristle_guides
+from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide, bristle_guides
 from stiction.engines.exudyn.contact import ContactGuide
-from stiction.engines.exudyn.friction import FrictionalGuide, SlidingGuide
+from stiction.engines.exudyn.friction import FrictionalGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.script import exudyn_script
 from stiction.engines.exudyn.solver import INTEGRATORS
@@ -121,7 +121,7 @@ class ExudynEngine(Engine):
         start = time.process_time()
         refuse_off(scene)
         with _own_words():
-            simulation = (_Contacts if fidelity == "contact" else _Bristles if own else _Joints)(scene, h, options)
+            simulation = _Simulation(scene, h, options, options.get("method"))
             stepper = simulation.stepper
             started = time.process_time()
             stop = None
@@ -153,15 +153,7 @@ class ExudynEngine(Engine):
 def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
     """The model as a script for Exudyn, with the adapter's default step and settings; see `exudyn_script`.
 
-    Parameters
-    ----------
-    named
-        The scene as a command line has it, for the command that the script quotes.
-
-    Raises
-    ------
-    Refused
-        If the scene cannot be expressed.
+    A command line has the scene `named` so. Refused if it cannot be expressed.
     """
     if (reason := ExudynEngine().refusal(scene, "joint")) is not None:
         raise Refused(reason)
@@ -175,91 +167,49 @@ def _step(t_end: float) -> float:
 
 
 class _Simulation:
-    """A scene in Exudyn, ready to step; columns from samples."""
+    """A scene in Exudyn, ready to step; columns from samples.
 
-    stepper: Stepper
+    `method` is `LOCATED`, `BRISTLES`, or None at contact fidelity.
+    """
 
-    def __init__(self, scene: Scene, joints: bool = True):
-        self.scene, self.model = scene, Model(scene, joints)
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], method: str | None):
+        self.scene, self.model = scene, Model(scene, joints=method is not None)
+        self._zone = options.get("friction_zone", 0.0)
+        located, bristles, boxes = list[FrictionalGuide](), list[BristleGuide](), list[ContactGuide]()
+        if method is None:
+            boxes = [ContactGuide(self.model, name, guide, options) for name, guide in scene.guides.items()]
+        elif method == BRISTLES:
+            bristles = bristle_guides(self.model, options, h)
+        else:
+            located = [FrictionalGuide(self.model, name, guide) for name, guide in scene.frictional_guides.items()
+                       if guide.static_coefficient > 0]
+        self.model.assemble()
+        settings = _solver_settings(self.model, h, options)
+        if method is None:
+            settings.timeIntegration.adaptiveStep = True
+            settings.timeIntegration.minimumStepSize = _SHORTEST
+            settings.timeIntegration.adaptiveStepRecoverySteps = 2
+            settings.timeIntegration.newton.useModifiedNewton = False
+        # a Jacobian of the step, where its solution is repeated for the friction; else one from before costs less
+        settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(located)
+        self._guides: list[Any] = [*located, *bristles, *boxes]
+        self.stepper = Stepper(self.model, located, h, settings, bristles,
+                               lambda: [guide.record() for guide in self._guides])
 
     def columns(self, samples: list[Sample]) -> dict[str, np.ndarray]:
-        """All columns of a trajectory; reactions are Exudyn's multipliers and forces."""
+        """All columns of a trajectory; reactions are Exudyn's multipliers and forces.
+
+        At contact fidelity a slider sticks where its friction is in the zone that is proportional to the speed.
+        """
         t, q, v, a, multipliers = (np.array([getattr(sample, name) for sample in samples])
                                    for name in ("t", "q", "v", "a", "multipliers"))
         reactions = self.model.reactions(multipliers)
-        reactions |= self._guides(samples, q, reactions)
-        return {**recover_columns(self.scene, t, q, v, a, reactions), **reactions}
-
-    def _guides(self, samples: list[Sample], q: np.ndarray, joints: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        raise NotImplementedError
-
-
-class _Joints(_Simulation):
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        super().__init__(scene)
-        guides = [FrictionalGuide(self.model, name, guide) for name, guide in scene.frictional_guides.items()
-                  if guide.static_coefficient > 0]
-        self._frictional: Sequence[SlidingGuide] = guides
-        self.model.assemble()
-        settings = _solver_settings(self.model, h, options)
-        # a Jacobian of the step, where its solution is repeated for the friction; else one from before costs less
-        settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(guides)
-        self.stepper = Stepper(self.model, guides, h, settings)
-
-    def _guides(self, samples: list[Sample], q: np.ndarray, joints: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        columns = {}
-        for i, guide in enumerate(self._frictional):
-            modes, friction, surface_moments = np.array([sample.guides[i] for sample in samples]).T
-            columns[f"{guide.name}.mode"] = modes.astype(np.int8)
-            columns[f"{guide.name}.friction"] = friction
-            columns[f"{guide.name}.moment"] = joints[f"{guide.name}.moment"] + surface_moments
-        return columns
-
-
-class _Bristles(_Joints):
-    """Joints with Exudyn's own friction."""
-
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        _Simulation.__init__(self, scene)
-        self._frictional = guides = bristle_guides(self.model, options, h)
-        self.model.assemble()
-        for guide in guides:
-            guide.bind(self.model)
-
-        def renew(multipliers: np.ndarray) -> None:
-            for guide in guides:
-                guide.renew(multipliers)
-
-        self.stepper = Stepper(self.model, [], h, _solver_settings(self.model, h, options),
-                               record=lambda: [guide.record() for guide in guides], before_step=renew)
-
-
-class _Contacts(_Simulation):
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        super().__init__(scene, joints=False)
-        self._zone = options["friction_zone"]
-        self._boxes = [ContactGuide(self.model, name, guide, options["contact_stiffness"], options["contact_damping"],
-                                    self._zone) for name, guide in scene.guides.items()]
-        self.model.assemble()
-        settings = _solver_settings(self.model, h, options)
-        settings.timeIntegration.adaptiveStep = True
-        settings.timeIntegration.minimumStepSize = _SHORTEST
-        settings.timeIntegration.adaptiveStepRecoverySteps = 2
-        settings.timeIntegration.newton.useModifiedNewton = False
-        self.stepper = Stepper(self.model, [], h, settings, record=lambda: [box.forces() for box in self._boxes])
-
-    def columns(self, samples: list[Sample]) -> dict[str, np.ndarray]:
-        """See the base class; a slider sticks where its friction is in the zone that is proportional to the speed."""
-        columns = super().columns(samples)
-        for name in self.scene.frictional_guides:
+        for i, guide in enumerate(self._guides):
+            reactions |= guide.columns(np.array([sample.guides[i] for sample in samples]), q, reactions)
+        columns = {**recover_columns(self.scene, t, q, v, a, reactions), **reactions}
+        for name in self.scene.frictional_guides if self._zone else ():
             speed = columns[f"{name}.slip_velocity"]
             columns[f"{name}.mode"] = np.where(np.abs(speed) < self._zone, 0, np.sign(speed)).astype(np.int8)
-        return columns
-
-    def _guides(self, samples: list[Sample], q: np.ndarray, joints: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        columns: dict[str, np.ndarray] = {}
-        for i, box in enumerate(self._boxes):
-            columns |= box.columns(np.array([sample.guides[i] for sample in samples]), q)
         return columns
 
 

@@ -10,6 +10,9 @@ resultant normal force and M_n the moment of the normal forces (both multipliers
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from stiction.engines.exudyn.model import Model, turned, unit
@@ -74,6 +77,12 @@ class SlidingGuide:
             vx, vy = vx - v[j] + v[j + 2] * gy, vy - v[j + 1] - v[j + 2] * gx
         return ux * vx + uy * vy
 
+    def columns(self, recorded: np.ndarray, _: Any, reactions: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The guide's columns from what `record` gave, shape (n, 3), and the joint's reactions."""
+        modes, friction, surface_moments = recorded.T
+        return {f"{self.name}.mode": modes.astype(np.int8), f"{self.name}.friction": friction,
+                f"{self.name}.moment": reactions[f"{self.name}.moment"] + surface_moments}
+
     def displacement(self, q: np.ndarray) -> float:
         """Coordinate of the slider's point along the guide."""
         i, j = self.slider, self.guide
@@ -95,7 +104,6 @@ class FrictionalGuide(SlidingGuide):
             markerNumbers=[model.zero(), self.along], activeConnector=False))
 
     def bind(self, model: Model) -> None:
-        """Look up the multipliers, which exist once the system is assembled."""
         super().bind(model)
         (self.hold_row,) = model.multipliers(self._connector)
 
@@ -106,6 +114,10 @@ class FrictionalGuide(SlidingGuide):
         if mode == 0:
             self.system.SetObjectParameter(self._connector, "offset", self.displacement(q))
             self._apply(0.0)
+
+    def record(self) -> tuple[int, float, float]:
+        """Mode, friction and surface moment of the last solution."""
+        return self.mode, self.friction, self.surface_moment
 
     def _apply(self, friction: float) -> float:
         """Load a friction in the model; returns by how much it has changed there, N."""

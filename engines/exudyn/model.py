@@ -32,6 +32,8 @@ class Model:
     Attributes
     ----------
     system : exudyn.MainSystem
+    constraints : dict of str to int
+        By joint or drive: the number of its object.
     rows : dict of str to list of int
         By joint or drive: the indices of its multipliers among the algebraic coordinates; once it is assembled.
     """
@@ -43,9 +45,9 @@ class Model:
         self.nodes = {GROUND: self.system.AddNode(self.items.NodePointGround(name=GROUND))}
         self.bodies = {GROUND: self.system.AddObject(self.items.ObjectGround(name=GROUND))}
         self._add_bodies()
-        self._constraints = {name: self._joint(name, joint) for name, joint in scene.joints.items()
+        self.constraints = {name: self._joint(name, joint) for name, joint in scene.joints.items()
                              if joints or isinstance(joint, Revolute)}
-        self._constraints |= {name: self._drive(name, drive) for name, drive in scene.drives.items()}
+        self.constraints |= {name: self._drive(name, drive) for name, drive in scene.drives.items()}
         for name, spring in scene.springs.items():
             self._spring(name, spring)
         for name, load in scene.forces.items():
@@ -54,7 +56,7 @@ class Model:
     def assemble(self) -> None:
         """End the system, to which nothing is added from now on."""
         self.system.Assemble()
-        self.rows = {name: self.multipliers(number) for name, number in self._constraints.items()}
+        self.rows = {name: self.multipliers(number) for name, number in self.constraints.items()}
 
     def _open(self) -> None:
         """An empty system, and the items to add to it."""
@@ -211,18 +213,15 @@ class Model:
 
     def _load(self, name: str, load: Any) -> None:
         if isinstance(load, Force):
-            marker, vector = self.rigid(load.body, load.point), [*unit(load.direction), 0.0]
-            item, load_item = "LoadForceVector", self.items.LoadForceVector
+            marker, vector, item = self.rigid(load.body, load.point), [*unit(load.direction), 0.0], "LoadForceVector"
         else:
-            marker, vector = self.rigid(load.body), [0.0, 0.0, 1.0]
-            item, load_item = "LoadTorqueVector", self.items.LoadTorqueVector
+            marker, vector, item = self.rigid(load.body), [0.0, 0.0, 1.0], "LoadTorqueVector"
+        varying = {}
         if isinstance(load.law, Constant):
-            self.system.AddLoad(load_item(name=name, markerNumber=marker,
-                                          loadVector=[load.law.value * x for x in vector]))
+            vector = [load.law.value * x for x in vector]
         else:
-            function = self._function(name, item, "loadVectorUserFunction", load.law, 0)
-            self.system.AddLoad(load_item(name=name, markerNumber=marker, loadVector=vector,
-                                          loadVectorUserFunction=function))
+            varying["loadVectorUserFunction"] = self._function(name, item, "loadVectorUserFunction", load.law, 0)
+        self.system.AddLoad(getattr(self.items, item)(name=name, markerNumber=marker, loadVector=vector, **varying))
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> Any:
         """The law (or its rate) as a user function, compiled by Exudyn, or in Python for tables."""

@@ -101,14 +101,8 @@ mbs.SetPreStepUserFunction(renew_friction)
 def exudyn_script(scene: Scene, dt: float, t_end: float, options: Mapping[str, Any], named: str) -> str:
     """Return a script that builds and runs the scene with Exudyn alone, and prints the states at the end.
 
-    Parameters
-    ----------
-    dt, t_end : float
-        Step and end, seconds; where t_end is no multiple, all steps are a little shorter.
-    options : mapping
-        All settings of the adapter's ``method="bristles"``.
-    named : str
-        The scene as a command line has it.
+    Where `t_end` is no multiple of `dt`, all steps are a little shorter. `options` are all settings of the adapter's
+    ``method="bristles"``; a command line has the scene `named` so.
 
     Raises
     ------
@@ -119,7 +113,7 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, options: Mapping[str, A
     guides = bristle_guides(model, options, dt)
     model.assemble()
     redundant = rank(scene) < constraint_rows(scene)
-    rows = [_text((model.objects[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient,
+    rows = [_text((model.constraints[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient,
                    guide.mus - guide.coefficient, guide.decay, guide.lever, guide.half_width)) for guide in guides]
     newmark, index_2 = INTEGRATORS[options["integrator"]]
     nodes = [(name, model.nodes[name]) for name in scene.bodies]
@@ -187,20 +181,14 @@ class _System:
 
 
 class _Written(Model):
-    """The adapter's model as lines of a script; by joint the variable of its object."""
+    """The adapter's model as lines of a script, in which variables stand for the numbers of objects."""
 
     def _open(self) -> None:
         self.items, self.system = _Items(), _System()
-        self.objects: dict[str, _Name] = {}
 
     def multipliers(self, item: int) -> list[int]:
         """None: the script looks them up."""
         return []
-
-    def _joint(self, name: str, joint: Any) -> Any:
-        made: Any = super()._joint(name, joint)
-        self.objects[name] = made
-        return made
 
     def _general_drive(self, name: str, drive: Drive) -> Any:
         raise Refused(_NO_ITEM.format(f"drives.{name}"))
@@ -209,20 +197,15 @@ class _Written(Model):
         raise Refused(_NO_ITEM.format(f"springs.{name}"))
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> _Name:
-        value = _expression(element, law, derivative)
+        if (value := law_expression(law, derivative)) is None:
+            raise Refused(f"{element}: a law by table is not written as a script; expected a constant, a line or a "
+                          "sine")
         variable = self.system.variable(element, re.sub("UserFunction", "", name).lower())
         arguments, result = "item, offset", value
         if name == "loadVectorUserFunction":
             arguments, result = "load", f"[{value} * x for x in load]"
         self.system.lines += [f"\n\ndef {variable}(mbs, t, {arguments}):\n    return {result}\n\n"]
         return variable
-
-
-def _expression(element: str, law: Law, derivative: int) -> str:
-    """A law (derivative 0) or its rate (1) as Python of t."""
-    if (written := law_expression(law, derivative)) is None:
-        raise Refused(f"{element}: a law by table is not written as a script; expected a constant, a line or a sine")
-    return written
 
 
 def _text(value: Any) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction.engines.exudyn.bristles import BristleGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.shared.engine_clock import EngineClock
@@ -24,7 +25,7 @@ OPEN = 1e-9
 
 
 class Solver:
-    """Exudyn's solver of one assembled model.
+    """Exudyn's solver of one assembled model, with its present time, state and multipliers.
 
     Attributes
     ----------
@@ -34,6 +35,7 @@ class Solver:
         Multipliers that redundant constraints leave open.
     coordinates, constraints : int
         Numbers of them.
+    engine : exudyn.MainSolverImplicitSecondOrder
     clock : EngineClock
         CPU time of Exudyn's steps and initial accelerations, without callbacks.
     """
@@ -48,7 +50,7 @@ class Solver:
         self._start_of_step = exudyn.ConfigurationType.StartOfStep
         self._accelerated = [(model.rows[name][0], drive.law) for name, drive in model.scene.drives.items()
                              if not isinstance(drive.law, (Constant, Linear))]
-        self._solver = exudyn.MainSolverImplicitSecondOrder()
+        self.engine = exudyn.MainSolverImplicitSecondOrder()
         linear = settings.linearSolver
         # a solver that accepts redundant constraints first, to look for them; the other is faster
         linear.solverType, linear.ignoreSingularJacobian = exudyn.LinearSolverType.EigenDense, True
@@ -61,7 +63,7 @@ class Solver:
             self._initialize_solver()
 
     def _initialize_solver(self) -> None:
-        if not self._solver.InitializeSolver(self._system, self._settings):
+        if not self.engine.InitializeSolver(self._system, self._settings):
             raise EngineFailure(self.failure("the solver could not be initialized"))
 
     def _open_rows(self) -> tuple[bool, np.ndarray]:
@@ -74,37 +76,22 @@ class Solver:
 
     @property
     def t(self) -> float:
-        """Time of the present state, s."""
         return self._data.GetTime()
 
     @property
     def q(self) -> np.ndarray:
-        """Present coordinates."""
         return np.array(self._data.GetODE2Coordinates())
 
     @property
     def v(self) -> np.ndarray:
-        """Present velocities."""
         return np.array(self._data.GetODE2Coordinates_t())
 
     @property
     def multipliers(self) -> np.ndarray:
-        """Present multipliers."""
         return np.array(self._data.GetAECoordinates())
 
-    @property
-    def newton_steps(self) -> int:
-        """Newton iterations so far."""
-        return self._solver.it.newtonStepsCount
-
     def accelerations(self) -> np.ndarray:
-        """Return the present accelerations.
-
-        Raises
-        ------
-        EngineFailure
-            If the state is not finite.
-        """
+        """Return the present accelerations; EngineFailure if the state is not finite."""
         a = np.array(self._data.GetODE2Coordinates_tt())
         if not all(np.isfinite(values).all() for values in (self.q, self.v, a)):
             raise EngineFailure(self.failure(f"the state is not finite at t = {self.t:g} s"))
@@ -115,13 +102,14 @@ class Solver:
         return (self._data.GetTime(self._start_of_step), np.array(self._data.GetODE2Coordinates(self._start_of_step)),
                 np.array(self._data.GetODE2Coordinates_t(self._start_of_step)))
 
-    def before_step(self, prepare: Callable[[np.ndarray], None]) -> None:
-        """Call a function before each step, with the multipliers of the one before."""
-        def hook(system: Any, t: float) -> bool:
-            self.clock.call_back(lambda: prepare(self.multipliers))
+    def before_step(self, bristles: list[BristleGuide]) -> None:
+        """Have the bounds of bristles renewed before each step, with the multipliers of the one before."""
+        def renew() -> bool:
+            for each in bristles:
+                each.renew(self.multipliers)
             return True
 
-        self._system.SetPreStepUserFunction(hook)
+        self._system.SetPreStepUserFunction(lambda system, t: self.clock.call_back(renew))
 
     def after_newton(self, judge: Callable[[], list[float]]) -> None:
         """Call a function after each Newton solution of a step: [error, recommended step]; an error repeats it."""
@@ -129,13 +117,13 @@ class Solver:
 
     def steps(self, t0: float, t1: float, count: int) -> tuple[bool, int]:
         """Make steps of equal length; return True where none failed, and their number."""
-        iteration = self._solver.it
+        iteration = self.engine.it
         iteration.startTime = iteration.currentTime = t0
         iteration.endTime, iteration.maxStepSize = t1, (t1 - t0) / count
-        self._solver.it = iteration
+        self.engine.it = iteration
         self._integration.endTime = t1
-        done = self.clock.call(self._solver.SolveSteps, self._system, self._settings)
-        return done, self._solver.it.currentStepIndex - 1
+        done = self.clock.call(self.engine.SolveSteps, self._system, self._settings)
+        return done, self.engine.it.currentStepIndex - 1
 
     def set_state(self, t: float, q: np.ndarray, v: np.ndarray) -> None:
         """Set the initial state of the next steps."""
@@ -162,14 +150,14 @@ class Solver:
             self._integration.generalizedAlpha.computeInitialAccelerations = True
 
     def _initialize(self) -> None:
-        self.clock.call(self._solver.InitializeSolverInitialConditions, self._system, self._settings)
+        self.clock.call(self.engine.InitializeSolverInitialConditions, self._system, self._settings)
 
     def on_velocity_constraints(self, t: float, q: np.ndarray, v: np.ndarray, idle: list[int]) -> np.ndarray:
         """Return the velocities that meet all constraints but the idle ones, changed least in kinetic energy."""
         self.set_state(t, q, v)
         self._initialize()
-        self._solver.ComputeAlgebraicEquations(self._system, True)
-        residual = np.array(self._solver.GetSystemResidual())[self.coordinates:]
+        self.engine.ComputeAlgebraicEquations(self._system, True)
+        residual = np.array(self.engine.GetSystemResidual())[self.coordinates:]
         return v + self._solve({row: -value for row, value in enumerate(residual)
                                 if row not in idle})[:self.coordinates]
 
@@ -187,13 +175,13 @@ class Solver:
 
     def _matrix(self) -> np.ndarray:
         """[M C_q^T; C_q 0], with 1 on the diagonal for connectors that are not active."""
-        self._solver.SetSystemJacobian(np.zeros_like(np.array(self._solver.GetSystemJacobian())))
-        self._solver.ComputeJacobianAE(self._system, 1.0, 1.0, 1.0, False)
-        system = np.array(self._solver.GetSystemJacobian())
+        self.engine.SetSystemJacobian(np.zeros_like(np.array(self.engine.GetSystemJacobian())))
+        self.engine.ComputeJacobianAE(self._system, 1.0, 1.0, 1.0, False)
+        system = np.array(self.engine.GetSystemJacobian())
         count = self.coordinates
-        system[:count, :count] += np.array(self._solver.GetSystemMassMatrix())
+        system[:count, :count] += np.array(self.engine.GetSystemMassMatrix())
         return system
 
     def failure(self, what: str) -> str:
         """Say what failed, with Exudyn's own words."""
-        return f"{what}; {self._solver.GetErrorString()}".rstrip("; ")
+        return f"{what}; {self.engine.GetErrorString()}".rstrip("; ")

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from stiction.engines.exudyn.bristles import BristleGuide
 from stiction.engines.exudyn.friction import REST_SPEED, FrictionalGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.solver import Solver
@@ -62,18 +63,9 @@ class Switch(NamedTuple):
 class Stepper:
     """Runs a model at fixed steps, of which `samples`, `switches` and `counters` tell; `solver` is Exudyn's.
 
-    Parameters
-    ----------
-    model : Model
-    guides : list of FrictionalGuide
-        Those with a load of their own in the model; none, and nothing of Python runs within a step.
-    dt : float
-        Step in seconds; shorter ones end at switches and lead back to the grid k dt.
-    settings : exudyn.SimulationSettings
-    record : callable, optional
-        What to record of the guides at each sample; else (mode, friction, surface moment) of each of `guides`.
-    before_step : callable, optional
-        Called by Exudyn before each step, with the multipliers of the one before.
+    Steps take `dt` seconds; shorter ones end at switches and lead back to the grid k dt. Switches of `guides` are
+    located: without any, nothing of Python runs within a step. Bounds of `bristles` are renewed before each step.
+    `record` returns what to keep of all guides at each sample.
 
     Raises
     ------
@@ -82,36 +74,29 @@ class Stepper:
     """
 
     def __init__(self, model: Model, guides: list[FrictionalGuide], dt: float, settings: Any,
-                 record: Callable[[], list[Any]] | None = None,
-                 before_step: Callable[[np.ndarray], None] | None = None):
-        self.model, self.guides, self.dt = model, guides, dt
+                 bristles: list[BristleGuide], record: Callable[[], list[Any]]):
+        self.model, self.guides, self.dt, self._record = model, guides, dt, record
         self.counters = dict.fromkeys(("steps", "newton", "switches", "restarts"), 0)
         self.switches: list[Switch] = []
         self.samples: list[Sample] = []
-        self._record = record or (lambda: [(guide.mode, guide.friction, guide.surface_moment) for guide in guides])
         self._watching = self._violated = False
         self._repetitions = 0
-        for guide in guides:
-            guide.bind(model)
+        for each in (*guides, *bristles):
+            each.bind(model)
         self.solver = Solver(model, settings)
         if guides:
             self.solver.after_newton(self._judge)
-        if before_step is not None:
-            self.solver.before_step(before_step)
+        if bristles:
+            self.solver.before_step(bristles)
         for guide in guides if self.solver.redundant else ():
             if np.intersect1d(self.solver.open_rows, guide.reaction_rows).size:
                 raise Declined(f"joints.{guide.name}: the constraints are redundant and leave its reactions open, and "
                                "with them its friction")
 
     def run(self, t_end: float, every: int) -> None:
-        """Integrate from the scene's initial state; `samples` are at the grid's output instants, the last at t_end.
+        """Integrate from the scene's initial state; `samples` are at each `every`-th instant of the grid, and at t_end.
 
-        Parameters
-        ----------
-        t_end : float
-            Seconds; the last step is shorter where it is no multiple of dt.
-        every : int
-            Steps of the grid from sample to sample.
+        The last step is shorter where t_end is no multiple of dt.
 
         Raises
         ------
@@ -153,7 +138,7 @@ class Stepper:
                 is_short = k == last and last > whole and grid[last] - whole < SHORTEST_STEP
                 if is_short or self.guides and samples[-1].t - restarted < TRANSIENT * self.dt:
                     transient.append(len(samples) - 1)
-        self.counters["newton"] = self.solver.newton_steps
+        self.counters["newton"] = self.solver.engine.it.newtonStepsCount
         for i in transient:
             samples[i] = self._consistent(samples[i])
 

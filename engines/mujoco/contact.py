@@ -16,8 +16,8 @@ does: v_t that grows by itself needs no damping to be opposed.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import hypot
+from typing import Any
 from xml.etree import ElementTree as xml
 
 from stiction.engines.shared.contact_geometry import direction_of, slider_box
@@ -33,30 +33,6 @@ _ROUNDING = 1e-3
 """Radius of a corner, in widths of the slider. Nothing depends on it while the slider is parallel to the guide."""
 _RECRUITED = 0.2
 """Largest part that slip may recruit of the normal force that a contact's softness takes up."""
-
-
-@dataclass(frozen=True)
-class Softness:
-    """Compliance of contacts.
-
-    Attributes
-    ----------
-    impedance : float
-        Share of the force that would hold a contact alone, hard (``solimp``); less than 1.
-    recovery : float
-        Share of the overlap that a hard contact makes good in one step (``solref``); two contacts together lose all of
-        their velocity in it.
-    clearance : float
-        Metres between the slider and both surfaces together.
-    time_constant : float
-        Seconds in which contacts and their friction settle, MuJoCo's own form of ``solref``; where it is 0, `recovery`
-        and the damping of friction hold.
-    """
-
-    impedance: float
-    recovery: float
-    clearance: float
-    time_constant: float
 
 
 def numbers(*values: float) -> str:
@@ -89,14 +65,11 @@ def slip_reference(most: float, impedance: float, coefficient: float) -> float:
     return 1.0 + (above if above * square <= limit else limit / square)
 
 
-def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Scene, tree: LinkTree, softness: Softness,
-               timestep: float) -> None:
+def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Scene, tree: LinkTree,
+               options: Mapping[str, Any], timestep: float) -> None:
     """Give each guide its planes and its slider its corners, with their contacts and what measures their force.
 
-    Parameters
-    ----------
-    root : Element
-        Of the model; `elements` are its bodies by link, the world's at -1.
+    `elements` are the model's bodies by link, the world's at -1; `options` the adapter's settings.
     """
     contact, sensor = xml.SubElement(root, "contact"), xml.SubElement(root, "sensor")
     untouched = {"contype": "0", "conaffinity": "0"}  # nothing touches but pairs
@@ -106,18 +79,19 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
         link = tree.link_of[guide.slider]
         origin = tree.links[link].point
         ux, uy = direction_of(guide)
-        corners = slider_box(guide, softness.clearance)
-        pair = _pair(guide, softness, timestep)
+        corners = slider_box(guide, options["clearance"])
+        (x0, y0), (x1, y1) = corners[0], corners[3]  # at the lower and at the upper surface
+        height = hypot(x1 - x0, y1 - y0)
+        across = (x1 - x0) / height, (y1 - y0) / height
+        pair = _pair(guide, options, timestep)
         for side, sign in SIDES.items():
-            inward = _inward(guide, corners, side)
             place = (guide.point[0] + sign * uy * width / 2, guide.point[1] - sign * ux * width / 2)
             add(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1", pos=numbers(*place, 0.0),
                 zaxis=numbers(-sign * uy, sign * ux, 0.0), **untouched)
             for k in _CORNERS[side]:
-                x, y = corners[k]
+                (x, y), inset = corners[k], sign * radius
                 add(elements[link], "geom", name=f"{name}.corner{k + 1}", type="sphere", size=repr(radius),
-                    pos=numbers(x + radius * inward[0] - origin[0], y + radius * inward[1] - origin[1], 0.0),
-                    **untouched)
+                    pos=numbers(x + inset * across[0] - origin[0], y + inset * across[1] - origin[1], 0.0), **untouched)
                 add(contact, "pair", name=f"{surface(name, side)}.{k + 1}", geom1=surface(name, side),
                     geom2=f"{name}.corner{k + 1}", **pair)
             if guide.frictional:
@@ -125,21 +99,17 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
                                reduce="netforce")
 
 
-def _pair(guide: Translational, softness: Softness, timestep: float) -> dict[str, str]:
-    """Attributes of a contact of a guide: friction and compliance."""
-    d, found = softness.impedance, {"condim": "1"}
+def _pair(guide: Translational, options: Mapping[str, Any], timestep: float) -> dict[str, str]:
+    """Attributes of a contact of a guide: friction and compliance.
+
+    Two contacts together lose all of their velocity in a step.
+    """
+    d, time_constant, found = options["impedance"], options["time_constant"], {"condim": "1"}
     if guide.frictional:
         found = {"condim": "3", "friction": numbers(*[guide.kinetic_coefficient] * 2, 0.0, 0.0, 0.0)}
-        if not softness.time_constant:
+        if not time_constant:
             found["solreffriction"] = numbers(-1.0, -d / timestep)
     # the direct format counts what a contact alone does with its impedance; two of them carry a flat box
-    reference = (-d * softness.recovery / timestep ** 2, -(1.0 + d) / 2 / timestep)
-    return found | {"solref": numbers(*(softness.time_constant, 1.0) if softness.time_constant else reference),
+    reference = (-d * options["recovery"] / timestep ** 2, -(1.0 + d) / 2 / timestep)
+    return found | {"solref": numbers(*(time_constant, 1.0) if time_constant else reference),
                     "solimp": numbers(d, d, 0.001, 0.5, 2.0)}
-
-
-def _inward(guide: Translational, corners: list[tuple[float, float]], side: str) -> tuple[float, float]:
-    """Return the direction from a surface into the slider, across the guide, in the slider's axes."""
-    (x0, y0), (x1, y1) = corners[0], corners[3]
-    length = hypot(x1 - x0, y1 - y0)
-    return SIDES[side] * (x1 - x0) / length, SIDES[side] * (y1 - y0) / length

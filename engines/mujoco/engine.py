@@ -8,9 +8,7 @@ the share `impedance` is applied, and a sticking slider would creep; MuJoCo's `n
 more without that.
 
 Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`);
-contacts have elliptic cones. The adapter also sets the damping of a guide's friction before each step. It brings a
-slider to rest within the step, or opposes its slip with a few times the acceleration that friction and the last step
-show, less what a load drives it with. More of it separates the surfaces, and a slider between two of them is pumped.
+contacts have elliptic cones. The adapter also sets the damping of a guide's friction before each step.
 """
 
 from __future__ import annotations
@@ -24,25 +22,23 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.mujoco.contact import SIDES, Softness, slip_damping, slip_reference, surface
+from stiction.engines.mujoco.contact import SIDES, slip_damping, slip_reference, surface
 from stiction.engines.mujoco.loads import ROTOR
-from stiction.engines.mujoco.mjcf import NOSLIP, START, Options, joint_name, mjcf
+from stiction.engines.mujoco.mjcf import HARDEST, START, joint_name, mjcf
 from stiction.engines.protocol import EngineFailure, Refused, accepted
-from stiction.engines.shared.acceleration_integrator import TreeAccelerations
+from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.contact_geometry import direction_of
-from stiction.engines.shared.fixed_step import Defaults, settings_of
+from stiction.engines.shared.engine_clock import EngineClock
+from stiction.engines.shared.fixed_step import Defaults
 from stiction.engines.shared.friction_bound import CAPPED, CONTACT
-from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper, motor_link
+from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene
-from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Translational
 
 DEEPEST = 495
 """Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
-HARDEST = 0.9999
-"""Impedance of what is to be hard: MuJoCo's own limit."""
 _SETTINGS: Mapping[str, Defaults] = {
     "joint": {"iterations": 20, "passes": 2, "impedance": HARDEST, "solver": ("PGS", "Newton", "CG"),
               "noslip": ("on", "off"),
@@ -87,9 +83,9 @@ class MujocoEngine(TreeEngine):
         if reason := super().refusal(scene, fidelity):
             return reason
         for name, guide in scene.frictional_guides.items() if fidelity == "contact" else ():
-            if (largest := max(guide.kinetic_coefficient, guide.static_coefficient)) > _MOST_FRICTION:
-                return (f"joints.{name}: found a coefficient of friction of {largest:g}; above {_MOST_FRICTION:g} "
-                        "MuJoCo's contacts brake a slider that tips on its corners too much")
+            if guide.static_coefficient > _MOST_FRICTION:
+                return (f"joints.{name}: found a coefficient of friction of {guide.static_coefficient:g}; above "
+                        f"{_MOST_FRICTION:g} MuJoCo's contacts brake a slider that tips on its corners too much")
         return None
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
@@ -103,14 +99,13 @@ class MujocoEngine(TreeEngine):
 
     @contextlib.contextmanager
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
-        if not 0 < options["impedance"] <= HARDEST:
-            raise InputError(f"impedance: found {options['impedance']!r}; expected 0 < impedance <= {HARDEST}, "
-                             "MuJoCo's own limit")
-        if options.get("slip_reference", 1.0) < 1:
-            raise InputError(f"slip_reference: found {options['slip_reference']!r}; expected at least 1, with less "
-                             "friction does not oppose slip")
-        if not options.get("impratio", 1.0) > 0:
-            raise InputError(f"impratio: found {options['impratio']!r}; expected a number > 0")
+        for name, fits, expected in (
+                ("impedance", 0 < options["impedance"] <= HARDEST, f"0 < impedance <= {HARDEST}, MuJoCo's own limit"),
+                ("slip_reference", options.get("slip_reference", 1.0) >= 1,
+                 "at least 1, with less friction does not oppose slip"),
+                ("impratio", options.get("impratio", 1.0) > 0, "a number > 0")):
+            if not fits:
+                raise InputError(f"{name}: found {options[name]!r}; expected {expected}")
         if options.get("noslip_iterations") and options["cone"] == "elliptic":
             raise InputError(f"noslip_iterations: found {options['noslip_iterations']!r} with elliptic cones; expected "
                              "cone=pyramidal, as noslip leaves an elliptic contact alone with a direction in which "
@@ -118,8 +113,25 @@ class MujocoEngine(TreeEngine):
         with _warnings() as said:
             yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, said)
 
-    def accelerations(self, scene: Scene) -> contextlib.AbstractContextManager[TreeAccelerations]:
-        return contextlib.nullcontext(_Accelerations(scene))
+    @contextlib.contextmanager
+    def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
+        import mujoco
+
+        model, data = _model(scene, tree, 1.0, "joint", self.default_settings("joint"))
+        model.dof_armature[:] = 0.0  # rotors are for stepping
+        mass = np.zeros((model.nv, model.nv))
+
+        def compute() -> None:
+            mujoco.mj_fwdPosition(model, data)
+            mujoco.mj_fwdVelocity(model, data)
+            mujoco.mj_fullM(model, data, mass)
+
+        def evaluate(position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            data.qpos[:], data.qvel[:] = position, velocity
+            clock.call(compute)
+            return mass, mass @ second + data.qfrc_bias
+
+        yield evaluate
 
 
 @contextlib.contextmanager
@@ -136,35 +148,12 @@ def _warnings() -> Iterator[list[str]]:
         mujoco.set_mju_user_warning(before)
 
 
-def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint", **options: Any) -> str:
-    """The MJCF of a scene with springs, dampers, loads and drives.
-
-    Settings that are not given are those of `MujocoEngine`.
-
-    Raises
-    ------
-    Refused
-        If MuJoCo cannot represent the scene at this fidelity.
-    """
-    options = settings_of(options, _SETTINGS[fidelity], MujocoEngine.name, fidelity)
-    if reason := MujocoEngine().refusal(scene, fidelity):
+def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint") -> str:
+    """The MJCF of a scene with springs, dampers, loads and drives; Refused if MuJoCo cannot represent it."""
+    engine = MujocoEngine()
+    if reason := engine.refusal(scene, fidelity):
         raise Refused(reason)
-    return _written(scene, LinkTree(scene, fidelity), timestep, fidelity, options, loaded=True)
-
-
-def _written(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any], *,
-             loaded: bool = False) -> str:
-    """The MJCF of a scene that is not refused; without loads unless `loaded`, as the adapter applies them."""
-    driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values()
-              for link, sign in [motor_link(scene, tree, drive)]}
-    if fidelity == "joint":
-        softness, own = None, (options["impedance"], options["solver"], options["integrator"],
-                               NOSLIP * (options["noslip"] == "on"))
-    else:
-        softness = Softness(*(options[name] for name in ("impedance", "recovery", "clearance", "time_constant")))
-        own = (HARDEST, options["solver"], "Euler",
-               *(options[name] for name in ("noslip_iterations", "cone", "impratio")))
-    return mjcf(scene, tree, driven, Options(timestep, options["iterations"], *own), softness, loaded)
+    return mjcf(scene, LinkTree(scene, fidelity), timestep, fidelity, engine.default_settings(fidelity), loaded=True)
 
 
 def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any]) -> tuple[Any, Any]:
@@ -172,7 +161,7 @@ def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options
     import mujoco
 
     try:
-        model = mujoco.MjModel.from_xml_string(_written(scene, tree, timestep, fidelity, options))
+        model = mujoco.MjModel.from_xml_string(mjcf(scene, tree, timestep, fidelity, options))
     except ValueError as error:  # MuJoCo's own limits, as of masses
         raise EngineFailure(f"mujoco: {error}") from error
     found = [model.joint(i).name for i in range(model.njnt)]
@@ -249,7 +238,7 @@ class _ContactStepper(ContactStepper, _Stepper):
             places = [int(model.sensor(surface(name, side)).adr[0]) for side in SIDES]
             self._guides.append((pairs, places, *direction_of(guide), self._mass_along(guide)))
         velocities = [scene.bodies[guide.slider].velocity for guide in scene.frictional_guides.values()]
-        self._speeds = [ux * vx + uy * vy for (_, _, ux, uy, _), (vx, vy) in zip(self._guides, velocities)]
+        self._slip = [ux * vx + uy * vy for (_, _, ux, uy, _), (vx, vy) in zip(self._guides, velocities)]
         self._wanted = [0.0] * len(self._guides)
 
     def _mass_along(self, guide: Translational) -> float:
@@ -267,7 +256,7 @@ class _ContactStepper(ContactStepper, _Stepper):
     def rub(self, coefficients: Sequence[float]) -> None:
         bounds, references, h, self._coefficients = self._bounds, self._references, self.h, coefficients
         for i, (pairs, *_) in enumerate(self._guides):
-            damping = -self._impedance * (slip_damping(self._wanted[i], self._speeds[i], h) if self._adapted
+            damping = -self._impedance * (slip_damping(self._wanted[i], self._slip[i], h) if self._adapted
                                           else 1.0 / h)
             for pair in pairs:
                 # of five: two directions, and rotations, which have none
@@ -286,36 +275,11 @@ class _ContactStepper(ContactStepper, _Stepper):
 
     def advance(self, caps: Sequence[float]) -> None:
         super().advance(caps)
-        data, before = self.friction.data, self._speeds
-        loads, self._speeds = data.loads.tolist(), data.slip_speeds.tolist()
+        guides, before = self.friction.guides, self._slip
+        bounds, self._slip = guides["cap"].tolist(), guides["slip_speed"].tolist()
         for i, (*_, mass) in enumerate(self._guides):
-            sense, bound = copysign(1.0, self._speeds[i]), loads[i] / mass
-            gained = sense * (self._speeds[i] - before[i]) / self.h
+            sense, bound = copysign(1.0, self._slip[i]), bounds[i] / mass
+            gained = sense * (self._slip[i] - before[i]) / self.h
             # of itself: it recruits of the normal force what a reference of its size does
             driven = max(gained - sense * self._along[i] / mass, 0.0)
             self._wanted[i] = max(self._times(self._coefficients[i]) * max(bound, -gained) - driven, 0.0)
-
-
-class _Accelerations(TreeAccelerations):
-    """MuJoCo's mass matrix and bias forces."""
-
-    def __init__(self, scene: Scene):
-        import mujoco
-
-        super().__init__(scene)
-        self._mujoco = mujoco
-        self._model, self._data = _model(scene, self._tree, 1.0, "joint",
-                                         settings_of({}, _SETTINGS["joint"], MujocoEngine.name, "joint"))
-        self._model.dof_armature[:] = 0.0  # rotors are for stepping
-        self._mass = np.zeros((self._model.nv, self._model.nv))
-
-    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        self._data.qpos[:], self._data.qvel[:] = position, velocity
-        self.clock.call(self._compute)
-        return self._mass, self._mass @ second + self._data.qfrc_bias
-
-    def _compute(self) -> None:
-        """Mass matrix and bias forces, by the engine."""
-        self._mujoco.mj_fwdPosition(self._model, self._data)
-        self._mujoco.mj_fwdVelocity(self._model, self._data)
-        self._mujoco.mj_fullM(self._model, self._data, self._mass)

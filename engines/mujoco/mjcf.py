@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Any
 from xml.etree import ElementTree as xml
 
-from stiction.engines.mujoco.contact import Softness, add, add_guides, numbers
+from stiction.engines.mujoco.contact import add, add_guides, numbers
 from stiction.engines.mujoco.loads import ROTOR, Loads, add_loads, add_site
+from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import Link, LinkTree
 from stiction.scenes import Scene
+from stiction.scenes.laws import evaluate_law
 
-NOSLIP = 5
+HARDEST = 0.9999
+"""Impedance of what is to be hard: MuJoCo's own limit."""
+_NOSLIP = 5
 """Sweeps over the frictions alone; they settle in one where none feeds on another."""
 START = "start"
 """Name of the keyframe with the scene's start."""
@@ -33,70 +37,43 @@ _PLACEHOLDER = 1.0
 """Newtons of friction of a guide until its bound is set: without any MuJoCo leaves the row out."""
 
 
-@dataclass(frozen=True)
-class Options:
-    """MuJoCo's own options of a model.
-
-    Attributes
-    ----------
-    timestep : float
-        Seconds. Friction brings a slider to rest within one (``solreffriction``), loops close within one.
-    iterations : int
-        Of the solver.
-    impedance : float
-        MuJoCo's constraints are soft: this share of the force that would hold is applied (``solimp``); less than 1.
-    solver, integrator : str
-        By MuJoCo's names.
-    noslip_iterations : int
-        Sweeps that solve for frictions once more, as if they were hard.
-    cone : str
-        Of friction between contacts: elliptic or pyramidal.
-    impratio : float
-        Hardness of their friction over that of their normal direction.
-    """
-
-    timestep: float
-    iterations: int
-    impedance: float
-    solver: str
-    integrator: str
-    noslip_iterations: int
-    cone: str = "pyramidal"
-    impratio: float = 1.0
-
-
-def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Options, softness: Softness | None = None,
+def mjcf(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any], *,
          loaded: bool = False) -> str:
-    """Write the model as XML.
+    """Write a scene that is not refused as XML.
 
     Parameters
     ----------
     tree : LinkTree
         Its links become bodies and joints; joints that close loops become constraints.
-    driven : Mapping of int to float
-        By the link that a drive moves, the rate of the link's coordinate at the start (m/s, rad/s).
-    softness : Softness, optional
-        Of the contacts of sliders, whose guides are no joints of the tree then.
+    timestep : float
+        Seconds. Friction brings a slider to rest within one (``solreffriction``), loops close within one.
+    options : Mapping
+        All settings of the adapter at this fidelity.
     loaded : bool
         True for springs, dampers, loads and drives in the model, with a header that says what is not; else they are the
         caller's to apply.
     """
+    contact = fidelity == "contact"
+    impedance, integrator, noslip = ((HARDEST, "Euler", options["noslip_iterations"]) if contact else
+                                     (options["impedance"], options["integrator"],
+                                      _NOSLIP * (options["noslip"] == "on")))
+    driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values()
+              for link, sign in [motor_link(scene, tree, drive)]}
     root = xml.Element("mujoco", model=scene.name)
     xml.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
-    timestep, impedance = options.timestep, options.impedance
     option = xml.SubElement(root, "option", timestep=repr(timestep),
                             gravity=numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
-                            integrator=options.integrator, solver=options.solver, iterations=str(options.iterations),
-                            tolerance="0", noslip_tolerance="0", noslip_iterations=str(options.noslip_iterations))
+                            integrator=integrator, solver=options["solver"], iterations=str(options["iterations"]),
+                            tolerance="0", noslip_tolerance="0", noslip_iterations=str(noslip))
     # without eulerdamp: dampers act as all loads do, at the start of a step
     flag = xml.SubElement(option, "flag", autoreset="disable", eulerdamp="disable")
-    if softness is None:
-        flag.set("contact", "disable")
-    else:
+    if contact:
         # by bodies alone, a slider on a driven bar counts as lighter than its contacts find it
         flag.set("diagexact", "enable")
-        option.set("cone", options.cone)
-        option.set("impratio", repr(options.impratio))
+        option.set("cone", options["cone"])
+        option.set("impratio", repr(options["impratio"]))
+    else:
+        flag.set("contact", "disable")
     stiffness, damping = -1.0 / timestep ** 2, -1.0 / timestep
     soft = {"solref": numbers(stiffness, damping), "solimp": numbers(impedance, impedance, 0.001, 0.5, 2.0)}
     elements: dict[int, xml.Element] = {-1: xml.SubElement(root, "worldbody")}
@@ -119,8 +96,8 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
             for side, (held, point) in enumerate(zip(pin.bodies, pin.points), start=1):
                 add_site(elements, tree, f"{name}.{side}", held, point)
             add(equality, "connect", name=name, site1=f"{name}.1", site2=f"{name}.2", **soft)
-    if softness is not None:
-        add_guides(root, elements, scene, tree, softness, timestep)
+    if contact:
+        add_guides(root, elements, scene, tree, options, timestep)
     position, velocity = tree.coordinates(scene)
     for i, rate in driven.items():
         velocity[i] = rate
@@ -130,13 +107,13 @@ def mjcf(scene: Scene, tree: LinkTree, driven: Mapping[int, float], options: Opt
     xml.SubElement(keyframe, "key", name=START, qpos=numbers(*position), qvel=numbers(*velocity),
                    ctrl=numbers(*loads.ctrl))
     if loaded:
-        root.insert(0, xml.Comment(_header(scene, timestep, loads, softness)))
+        line = _COEFFICIENTS + _DAMPING * (not options["time_constant"]) if contact else _BOUND
+        root.insert(0, xml.Comment(_header(scene, timestep, loads, line)))
     xml.indent(root)
     return xml.tostring(root, encoding="unicode") + "\n"
 
 
-def _header(scene: Scene, timestep: float, loads: Loads, softness: Softness | None) -> str:
-    line = _BOUND if softness is None else _COEFFICIENTS if softness.time_constant else _COEFFICIENTS + _DAMPING
+def _header(scene: Scene, timestep: float, loads: Loads, line: str) -> str:
     friction = [line.format(name=name, guide=guide, placeholder=_PLACEHOLDER)
                 for name, guide in scene.frictional_guides.items()]
     to_set, missing = ("".join(f"\n  - {line};" for line in lines) or " nothing."

@@ -25,8 +25,9 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.protocol import accepted, installed_version
-from stiction.engines.shared.acceleration_integrator import TreeAccelerations
+from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.contact_geometry import REACH, box_angle, crowded, direction_of, several_guides
+from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import Defaults
 from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper
 from stiction.engines.shared.link_tree import LinkTree
@@ -66,14 +67,12 @@ class PybulletEngine(TreeEngine):
     """
 
     name, called, defaults = "pybullet", "PyBullet", _SETTINGS
+    reach = {"joint": math.inf, "contact": REACH}
 
     @property
     def version(self) -> str:
         _ = _pybullet().connect  # another package of this name has none
         return accepted("pybullet", installed_version("pybullet"))
-
-    def reach(self, fidelity: str) -> float:
-        return REACH if fidelity == "contact" else math.inf
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return super().refusal(scene, fidelity) or (crowded(scene, MOST_GUIDES, "PyBullet") or several_guides(scene)
@@ -90,32 +89,37 @@ class PybulletEngine(TreeEngine):
             yield (_Stepper if fidelity == "joint" else _ContactStepper)(scene, h, options, client)
 
     @contextlib.contextmanager
-    def accelerations(self, scene: Scene) -> Iterator[TreeAccelerations]:
+    def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
         with _client() as client:
-            yield _Accelerations(scene, client)
+            bullet = _pybullet()
+            if scene.gravity is not None:
+                bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
+            body = _multibody(scene, tree, {}, client)
+
+            def compute(*motion: list[float]) -> tuple[Sequence[Sequence[float]], Sequence[float]]:
+                return (bullet.calculateMassMatrix(body, motion[0], physicsClientId=client),
+                        bullet.calculateInverseDynamics(body, *motion, physicsClientId=client))
+
+            def evaluate(*motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+                mass, needed = clock.call(compute, *(part.tolist() for part in motion))
+                return np.array(mass), np.array(needed)
+
+            yield evaluate
 
 
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep the build time, which the library writes to the error stream at import, off it."""
+def _pybullet() -> Any:
+    """The library, imported when it is needed, without the build time that it writes to the error stream then."""
+    if "pybullet" in sys.modules:
+        return sys.modules["pybullet"]
     sys.stderr.flush()
     kept = os.dup(2)
     with open(os.devnull, "w") as nothing:
         os.dup2(nothing.fileno(), 2)
     try:
-        yield
+        import pybullet
     finally:
         os.dup2(kept, 2)
         os.close(kept)
-
-
-def _pybullet() -> Any:
-    """The library, imported when it is needed."""
-    if "pybullet" in sys.modules:
-        return sys.modules["pybullet"]
-    with _quiet():
-        import pybullet
-
     return pybullet
 
 
@@ -165,8 +169,7 @@ class _Stepper(TreeStepper):
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
         super().__init__(scene, h, options)
-        self._bullet, self._client, tree = _pybullet(), client, self.tree
-        bullet = self._bullet
+        self._bullet, self._client, tree = (bullet := _pybullet()), client, self.tree
         bullet.setTimeStep(h, physicsClientId=client)
         bullet.setPhysicsEngineParameter(numSolverIterations=options["iterations"], solverResidualThreshold=0.0,
                                          erp=options["erp"], physicsClientId=client)
@@ -296,23 +299,3 @@ class _ContactStepper(ContactStepper, _Stepper):
                     for link in self._guides]
         return ([sum([contact[9] for contact in found]) for found in contacts],
                 [sum([math.hypot(contact[10], contact[12]) for contact in found]) for found in contacts])
-
-
-class _Accelerations(TreeAccelerations):
-    """PyBullet's mass matrix and inverse dynamics."""
-
-    def __init__(self, scene: Scene, client: int):
-        super().__init__(scene)
-        self._bullet, self._client = _pybullet(), client
-        if scene.gravity is not None:
-            self._bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
-        self._multibody = _multibody(scene, self._tree, {}, client)
-
-    def dynamics(self, position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        mass, needed = self.clock.call(self._compute, *(part.tolist() for part in (position, velocity, second)))
-        return np.array(mass), np.array(needed)
-
-    def _compute(self, *motion: list[float]) -> tuple[Sequence[Sequence[float]], Sequence[float]]:
-        """Mass matrix and joint forces, by the engine."""
-        return (self._bullet.calculateMassMatrix(self._multibody, motion[0], physicsClientId=self._client),
-                self._bullet.calculateInverseDynamics(self._multibody, *motion, physicsClientId=self._client))

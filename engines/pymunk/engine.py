@@ -27,12 +27,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from stiction.engines.protocol import accepted
+from stiction.engines.protocol import FIDELITIES, accepted
 from stiction.engines.shared.contact_geometry import contact_refusal, crowded, slider_box, unlike_guides
 from stiction.engines.shared.fixed_step import Defaults, Sample, SteppedEngine, Stepper
 from stiction.engines.shared.friction_bound import CoefficientSwitch, FrictionBound
-from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import (SpaceContacts, SpaceStep, begin_space, finish_space,
+from stiction.engines.shared.step_kernels import (SpaceContacts, SpaceStep, assemble, begin_space, finish_space,
                                                   finish_space_contacts)
 from stiction.reference_impl.compiled.kernel import bound
 from stiction.scenes import Scene
@@ -41,7 +40,7 @@ from stiction.scenes.laws import Constant, Linear, evaluate_law
 from stiction.scenes.model import Drive, Translational
 
 if TYPE_CHECKING:
-    from pymunk import Body, GrooveJoint, Space
+    from pymunk import Body, GrooveJoint
     from pymunk.batch import Buffer
 
 MOST_GUIDES = 32
@@ -72,16 +71,13 @@ class PymunkEngine(SteppedEngine):
     (as `error_bias`, for overlap), `clearance` (by how much the box is narrower than its guide, m).
     """
 
-    name, defaults = "pymunk", _SETTINGS
+    name, defaults, reach = "pymunk", _SETTINGS, dict.fromkeys(FIDELITIES, _GROOVE)
 
     @property
     def version(self) -> str:
         import pymunk
 
         return accepted("pymunk", pymunk.version)
-
-    def reach(self, fidelity: str) -> float:
-        return _GROOVE
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene) or crowded(scene, MOST_GUIDES, "pymunk")
@@ -140,7 +136,41 @@ class _PymunkStepper(Stepper):
         # boxes find their friction themselves, and land in the first step; all else settles in two
         self.bound = FrictionBound(scene, options.get("passes", 1), self.capped)
         self.balanced, self.settling = bool(len(self.bound.held)), 1 if len(self.bound.held) else 2
-        self._state = _SpaceState(space, [named[name].id for name in scene.bodies], h, self.bound, self._loaded)
+        self._share_states([named[name].id for name in scene.bodies])
+
+    def _share_states(self, bodies: Sequence[int]) -> None:
+        """Have the states of the space's bodies as arrays, read and written in one call each.
+
+        `data` is as last fetched; its `before` is what `retreat` writes, its `pushed` the loads.
+        """
+        from pymunk import batch
+
+        fields, count, space = batch.BodyFields, len(bodies), self._space
+        self._get, self._set = batch.get_space_bodies, batch.set_space_bodies
+        self._motion = fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY
+        self._force = fields.FORCE | fields.TORQUE
+        order = batch.Buffer()
+        batch.get_space_bodies(space, fields.BODY_ID, order)
+        expected = [*bodies, space.static_body.id]
+        if (found := list(memoryview(order.int_buf()).cast("P"))) != expected:
+            raise RuntimeError(f"pymunk lists the bodies {found}; expected {expected}, as they were added and the "
+                               "static one last")
+        # of each body, and behind them of the static one
+        (self._present, present, _), (self._before, before, _), (self._pushed, pushed, _) = (
+            _buffer(width * (count + 1)) for width in (6, 6, 3))
+        q, v, a = np.zeros((3, 3 * count))
+        self.data = SpaceStep(cap=self.bound.data, h=self._h, loaded=int(self._loaded), pushed=pushed[:3 * count], q=q,
+                              v=v, a=a, present=present[:6 * count].reshape(count, 6),
+                              before=before[:6 * count].reshape(count, 6))
+        self._fetch()
+
+    def _fetch(self) -> None:
+        self._present.clear()
+        self._get(self._space, self._motion, self._present)
+
+    def _retreat(self) -> None:
+        """Write what was before to the space; what is present stays as it is until it is fetched."""
+        self._set(self._space, self._motion, self._before)
 
     def _add(self, constraint: Any) -> None:
         constraint.error_bias = self._bias
@@ -178,7 +208,7 @@ class _PymunkStepper(Stepper):
             follow(shift)
 
     def compile(self) -> None:
-        start, data = self.bound.balance.initial, self._state.data
+        start, data = self.bound.initial, self.data
         if self._scene.frictional_guides:
             *between, guides = between_steps(self._scene, self._h, self._bias)
             self.bound.data.guides[:] = guides[:len(self.bound.data.guides)]
@@ -187,74 +217,28 @@ class _PymunkStepper(Stepper):
 
     def begin(self, q: np.ndarray, v: np.ndarray) -> None:
         """Begin the first step, at these coordinates and velocities."""
-        self._state.restart(q, v)
-        begin_space(self._state.data, self._h)
-        self._finish = bound(finish_space, self._state.data)
+        self.data.before[:] = np.hstack((q.reshape(-1, 3), v.reshape(-1, 3)))
+        self._retreat()
+        self._fetch()
+        begin_space(self.data, self._h)
+        self._finish = bound(finish_space, self.data)
 
     def step(self) -> None:
         self._k += 1
         for target in self._targets:  # the position that follows the step
             target(self._k * self._h + self._h)
-        self.bound.step(self.advance, self._finish, (self._k + 1) * self._h, self._state.retreat)
+        self.bound.step(self.advance, self._finish, (self._k + 1) * self._h, self._retreat)
 
     def sample(self) -> Sample:
-        data = self._state.data
+        data = self.data
         return Sample(data.q.copy(), data.v.copy(), data.a.copy(), self.friction.modes(), self.friction.frictions())
 
     def advance(self, caps: Sequence[float]) -> None:
-        """One pass of the engine under the loads of the state, which is fetched."""
+        """Make a pass of the engine under the loads, and fetch the state."""
         if self._loaded:
-            self._state.push_loads()
+            self._set(self._space, self._force, self._pushed)  # which the space forgets with its next step
         self.clock.call(self._space.step, self._h)
-        self._state.fetch()
-
-
-class _SpaceState:
-    """The states of a space's bodies as arrays, read and written in one call each.
-
-    `data` is as last fetched; its `before` is what `retreat` writes, its `pushed` the loads.
-    """
-
-    def __init__(self, space: Space, bodies: Sequence[int], h: float, bound: FrictionBound, loaded: bool):
-        from pymunk import batch
-
-        fields, count = batch.BodyFields, len(bodies)
-        self._get, self._set, self._space = batch.get_space_bodies, batch.set_space_bodies, space
-        self._motion, self._force = (fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY,
-                                     fields.FORCE | fields.TORQUE)
-        order = batch.Buffer()
-        batch.get_space_bodies(space, fields.BODY_ID, order)
-        expected = [*bodies, space.static_body.id]
-        if (found := list(memoryview(order.int_buf()).cast("P"))) != expected:
-            raise RuntimeError(f"pymunk lists the bodies {found}; expected {expected}, as they were added and the "
-                               "static one last")
-        # of each body, and behind them of the static one
-        (self._present, present, _), (self._before, before, _), (self._pushed, pushed, _) = (
-            _buffer(width * (count + 1)) for width in (6, 6, 3))
-        q, v, a = np.zeros((3, 3 * count))
-        self.data = SpaceStep(cap=bound.data, h=h, loaded=int(loaded), pushed=pushed[:3 * count], q=q, v=v, a=a,
-                              present=present[:6 * count].reshape(count, 6),
-                              before=before[:6 * count].reshape(count, 6))
-        self.fetch()
-
-    def fetch(self) -> None:
-        """Read what is present from the space."""
-        self._present.clear()
-        self._get(self._space, self._motion, self._present)
-
-    def retreat(self) -> None:
-        """Write what was before to the space; what is present stays as it is until it is fetched."""
-        self._set(self._space, self._motion, self._before)
-
-    def restart(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Write coordinates and velocities, each of shape (3 * bodies,), to the space, and read them."""
-        self.data.before[:] = np.hstack((q.reshape(-1, 3), v.reshape(-1, 3)))
-        self.retreat()
-        self.fetch()
-
-    def push_loads(self) -> None:
-        """Write the forces and torques; the space forgets them with its next step."""
-        self._set(self._space, self._force, self._pushed)
+        self._fetch()
 
 
 class _JointStepper(_PymunkStepper):
@@ -342,7 +326,7 @@ class _ContactStepper(_PymunkStepper):
         pairs = 2 * len(scene.guides)
         self._arbiters, impulse, touching = _buffer(4 * pairs, 2 * pairs)
         self._contacts = SpaceContacts(
-            contacts=self.friction.data, step=self._state.data, along=np.array(directions).reshape(-1, 2),
+            guides=self.friction.guides, step=self.data, along=np.array(directions).reshape(-1, 2),
             touching=touching[:2 * pairs].reshape(pairs, 2), impulse=impulse[:4 * pairs].reshape(pairs, 4),
             slider=np.array([list(scene.bodies).index(guide.slider) for guide in scene.frictional_guides.values()],
                             dtype=np.int64),
@@ -382,44 +366,30 @@ def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray
     steps. From Phi = Phi' = 0 it gets there by half a step's reaction more, which a slider at rest does not stand. So
     velocities are advanced by half a step of the engine's own acceleration, as in the leapfrog scheme. Positions are
     set back by the least acceleration that constraints and sliders at rest need, of which laws of drives are no part.
-    Joints that correct a share of their error in a step need that share of both.
-
-    Parameters
-    ----------
-    scene : Scene
-        With friction.
-    h : float
-        The step, s.
-    error_bias : float
-        Of the run's joints.
-
-    Returns
-    -------
-    q, v : ndarray, shape (3 * bodies,)
-    guides : ndarray of `GUIDE`
-        Of the trial step that gave the acceleration.
+    Joints that correct a share of their error in a step, by the run's `error_bias`, need that share of both. The guides
+    are those of the trial step that gave the acceleration. The scene has friction.
     """
     # ideal guides at both fidelities: boxes have not landed in a first step
     trial = _JointStepper(scene, h, _TRIAL, fixed={GROUND})
-    balance = trial.bound.balance
-    (q, v), share = balance.initial, 1.0 - error_bias ** h
-    of_velocity, of_position = (h / 2 * each for each in _least_accelerations(scene, balance))
+    (q, v), share = trial.bound.initial, 1.0 - error_bias ** h
+    of_velocity, of_position = (h / 2 * each for each in _least_accelerations(scene, trial.bound))
     trial.begin(q - h * of_position, v + of_velocity)
     trial.step()
     return (q - share * h * of_position, v + h / 2 * trial.sample().a - (1.0 - share) * of_velocity,
             trial.bound.data.guides)
 
 
-def _least_accelerations(scene: Scene, balance: MomentumBalance) -> tuple[np.ndarray, np.ndarray]:
+def _least_accelerations(scene: Scene, friction: FrictionBound) -> tuple[np.ndarray, np.ndarray]:
     """Return the least accelerations, by masses, that hold constraints and sliders at rest; without laws behind it."""
-    balance.assemble(0.0, *balance.initial)
-    m, w = balance.data.m, balance.data.w
-    slowest = AT_REST * max(m.length_scale, np.abs(balance.initial[1]).max())
+    balance = friction.balance
+    assemble(balance, 0.0, *friction.initial, 0.0)
+    m, w = balance.m, balance.w
+    slowest = AT_REST * max(m.length_scale, np.abs(friction.initial[1]).max())
     held = np.append(np.arange(m.rows), m.rows + np.flatnonzero(np.abs(w.slip_speed) <= slowest))
     resting = w.gamma.copy()
     resting[m.rows - len(scene.drives):m.rows] += [evaluate_law(drive.law, 0.0)[2] for drive in scene.drives.values()]
-    J = np.zeros((len(w.gamma), len(balance.data.mass)))
+    J = np.zeros((len(w.gamma), len(balance.mass)))
     for place, row, body in m.block.astype(int):
         J[row, body:body + 3] = w.J[place:place + 3]
     force = np.linalg.lstsq(w.G[np.ix_(held, held)], np.stack((w.gamma, resting), axis=1)[held])[0]
-    return tuple(-(J[held].T @ force).T / balance.data.mass)
+    return tuple(-(J[held].T @ force).T / balance.mass)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from math import ceil
@@ -134,8 +135,7 @@ class ReferenceEngine(Engine):
         with _linear_algebra().limit(limits=1):
             run = simulate_parts(scene, parts, simulate, t_end)
         rows = _rows_that_are_motion(run, max(part.arrays.length_scale for part in parts))
-        cost = type(run.cost)(run.cost.setup_s + assembled, compiling_seconds() - compiled, run.cost.stepping_s,
-                              run.cost.counters)
+        cost = replace(run.cost, setup_s=run.cost.setup_s + assembled, compile_s=compiling_seconds() - compiled)
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t[:rows],
             columns={name: values[:rows] for name, values in run.columns.items()}, events=run.events, cost=cost,

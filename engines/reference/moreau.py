@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from stiction.engines.protocol import Capabilities, Engine, installed_version
@@ -71,8 +72,7 @@ class MoreauEngine(Engine):
         assembled = clock() - started
         run = simulate_moreau(mechanism, q, v, dt, steps, steps_between_outputs(steps, output_step / dt), clearance,
                               options["restitution"])
-        cost = type(run.cost)(run.cost.setup_s + assembled, compiling_seconds() - compiled, run.cost.stepping_s,
-                              run.cost.counters)
+        cost = replace(run.cost, setup_s=run.cost.setup_s + assembled, compile_s=compiling_seconds() - compiled)
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns,
             cost=cost, termination=run.termination, breakdown=run.breakdown,

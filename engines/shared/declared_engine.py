@@ -66,7 +66,6 @@ class DeclaredEngine(Engine):
         return self.declared.impulses
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        """See `Engine.refusal`: friction that the file does not declare."""
         for name, guide in scene.frictional_guides.items():
             if not self.declared.friction_law and guide.static_coefficient > 0:
                 return f"joints.{name}: {self.name} declares no friction law"

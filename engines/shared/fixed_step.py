@@ -6,10 +6,10 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from time import process_time
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,7 @@ DEFAULT_STEP, DEFAULT_SHARE = 1e-3, 0.01
 """The step where none is given: seconds, and the part of the run that it is at most."""
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(NamedTuple):
     """A state and the acceleration of the step that belongs to it, each of shape (3 * bodies,).
 
     Per frictional guide, shape (frictional,): `modes` -1, 0, 1 (slip against, stick, slip along), and `friction`, the
@@ -83,7 +82,7 @@ class Stepper(ABC):
                 early.append(self.sample())
             self.step()
         follower = self.sample()
-        yield from (replace(sample, a=follower.a, friction=follower.friction) for sample in early)
+        yield from (sample._replace(a=follower.a, friction=follower.friction) for sample in early)
         for _ in range(-self.settling % every):
             self.step()
         while True:
@@ -93,13 +92,7 @@ class Stepper(ABC):
 
 
 def step_of(dt: float | None, t_end: float) -> float:
-    """Return the step in seconds; where none is given, `DEFAULT_STEP` or its share of the run.
-
-    Raises
-    ------
-    InputError
-        If it is too short for the run.
-    """
+    """Return the step in seconds, where none is given the default; InputError if it is too short for the run."""
     if dt is None:
         dt = min(DEFAULT_STEP, DEFAULT_SHARE * t_end)
     check_steps(t_end, dt)
@@ -107,7 +100,7 @@ def step_of(dt: float | None, t_end: float) -> float:
 
 
 def steps_between_outputs(steps: int, wish: float) -> int:
-    """Steps from one output to the next: the largest divisor of all `steps` that is not above the wish, rounded."""
+    """Steps from one output to the next: the largest divisor of all `steps` that is not above the rounded wish."""
     wish = min(steps, max(1, round(wish)))
     return next(every for every in range(wish, 0, -1) if steps % every == 0)
 
@@ -117,12 +110,9 @@ Defaults = Mapping[str, int | float | tuple[str, ...]]
 
 
 def settings_of(given: Mapping[str, Any], defaults: Defaults, engine: str, fidelity: str) -> dict[str, Any]:
-    """The engine's settings with those given put in; their type is that of the default.
+    """The engine's settings with those given put in; InputError for a name, a type or a value that it does not have.
 
-    Raises
-    ------
-    InputError
-        For a name that the engine does not have, a value of another type, negative or not finite, or another word.
+    The type is that of the default; numbers are finite and not negative, whole ones at least 1.
     """
     check_settings(given, defaults, engine, fidelity)
     for name, value in given.items():
@@ -140,10 +130,7 @@ def settings_of(given: Mapping[str, Any], defaults: Defaults, engine: str, fidel
 
 @dataclass(frozen=True)
 class Grid:
-    """Instants of a run: `last` steps of `dt` seconds, each `every`-th of them an output.
-
-    The run ends at the multiple of the step that is nearest to `t_end`; for its outputs see `steps_between_outputs`.
-    """
+    """Instants of a run: `last` steps of `dt` seconds, each `every`-th of them an output."""
 
     dt: float
     last: int
@@ -151,7 +138,7 @@ class Grid:
 
     @staticmethod
     def of(t_end: float, dt: float, output_step: float) -> Grid:
-        """Return the grid of a run up to `t_end` with outputs `output_step` seconds from each other, at most."""
+        """Return the grid up to the multiple of dt nearest to `t_end`, with outputs `output_step` apart at most, s."""
         last = max(1, round(t_end / dt))
         return Grid(dt, last, steps_between_outputs(last, output_step / dt))
 
@@ -167,22 +154,21 @@ class SteppedEngine(Engine):
     ----------
     defaults : Mapping
         By fidelity: settings of its steps, as `settings_of` takes them.
+    reach : Mapping
+        By fidelity: displacement in metres up to which its guides go.
     """
 
     capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
                                 friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance",
                                 order="1")
     defaults: ClassVar[Mapping[str, Defaults]]
+    reach: ClassVar[Mapping[str, float]] = {"joint": math.inf, "contact": math.inf}
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return settings_of({}, self.defaults[fidelity], self.name, fidelity)
 
     def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return "method" not in settings  # its steps
-
-    def reach(self, fidelity: str) -> float:
-        """Displacement in metres up to which its guides go."""
-        return math.inf
 
     @abstractmethod
     def stepper(self, scene: Scene, h: float, options: Mapping[str, Any],
@@ -192,43 +178,38 @@ class SteppedEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         started = process_time()
-        h = step_of(dt, t_end)
+        grid, samples = Grid.of(t_end, step_of(dt, t_end), output_step), []
+        h, last, every = grid.dt, grid.last, grid.every
         options = settings_of(settings, self.defaults[fidelity], self.name, fidelity)
         refuse_off(scene)
         with self.stepper(scene, h, options, fidelity) as stepper:
-            return self._run_steps(stepper, scene, Grid.of(t_end, h, output_step), fidelity, options,
-                                   process_time() - started)
-
-    def _run_steps(self, stepper: Stepper, scene: Scene, grid: Grid, fidelity: str, settings: Mapping[str, Any],
-                   setup_s: float) -> Trajectory:
-        """Step over the grid and collect a trajectory."""
-        dt, last, every, samples, start = grid.dt, grid.last, grid.every, [], process_time()
-        try:
-            stepper.compile()
-            compile_s, start = process_time() - start, process_time()
-            stepper.clock.start()
-            for sample in islice(stepper.samples(every), last // every + 1):
-                if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
-                    raise FloatingPointError("a state is not finite")
-                samples.append(sample)
-        except FloatingPointError as error:
-            reached = max(len(samples) - 1, 0) * every * dt
-            raise EngineFailure(f"{self.name}: {error}, after t = {reached:g} s with dt = {dt:g} s") from error
-        stepping, engine_s, passes = process_time() - start, stepper.clock.engine_s, stepper.clock.calls
-        t = np.arange(0, last + 1, every) * dt
-        q, v, a, modes, friction = (np.array([getattr(sample, field) for sample in samples])
-                                    for field in ("q", "v", "a", "modes", "friction"))
-        rests = _held_too(scene, q, v, friction, dt)
+            set_up = start = process_time()
+            try:
+                stepper.compile()
+                start = process_time()
+                stepper.clock.start()
+                for sample in islice(stepper.samples(every), last // every + 1):
+                    if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
+                        raise FloatingPointError("a state is not finite")
+                    samples.append(sample)
+            except FloatingPointError as error:
+                reached = max(len(samples) - 1, 0) * every * h
+                raise EngineFailure(f"{self.name}: {error}, after t = {reached:g} s with dt = {h:g} s") from error
+            passes = stepper.clock.calls
+            cost = Cost(set_up - started, start - set_up, process_time() - start,
+                        {"steps": last + 1, "passes": passes, "balances": passes * stepper.balanced},
+                        stepper.clock.engine_s)
+        t = np.arange(0, last + 1, every) * h
+        q, v, a, modes, friction = (np.array(part) for part in zip(*samples))
+        rests = _held_too(scene, q, v, friction, h)
         columns = columns_of_motion(scene, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction))
         for name in scene.guides:
-            if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > self.reach(fidelity):
+            if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > self.reach[fidelity]:
                 raise BadTrajectory(f"{self.name}: {name} is {farthest:g} m from its guide's point; guides end at "
-                                    f"{self.reach(fidelity):g} m")
+                                    f"{self.reach[fidelity]:g} m")
         return Trajectory(scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=t,
-                          columns=columns,
-                          settings={"dt": dt, **settings, "friction_law": self.capabilities.friction_law[fidelity]},
-                          cost=Cost(setup_s, compile_s, stepping, {"steps": last + 1, "passes": passes,
-                                                                   "balances": passes * stepper.balanced}, engine_s))
+                          columns=columns, cost=cost,
+                          settings={"dt": h, **options, "friction_law": self.capabilities.friction_law[fidelity]})
 
 
 def columns_of_motion(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, modes: np.ndarray,

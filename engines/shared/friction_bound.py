@@ -13,17 +13,15 @@ repeated with the reactions it gave. The arithmetic is compiled, in `step_kernel
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from math import nan
 
 import numpy as np
 
-from stiction.engines.shared.contact_geometry import direction_of
-from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.momentum import MomentumBalance
-from stiction.engines.shared.step_kernels import GUIDE, Attempts, Cap, Contacts, begin_contacts, finish_contacts
+from stiction.engines.shared.step_kernels import GUIDE, Attempts, Balance, Cap, begin_contacts, finish_contacts
 from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.scenes import Scene
+from stiction.scenes.model import Translational
 
 CAPPED = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
 CONTACT = "Coulomb at each contact (engine); the adapter switches between mu and mus"
@@ -31,11 +29,16 @@ _FIRST_STEPS = 4  # without reactions of a step before them
 
 
 class GuideFriction:
-    """State of the frictional guides of a scene in an engine's steps; empty arrays where there is none."""
+    """State of the frictional guides of a scene in an engine's steps; no rows where there is none.
 
-    def __init__(self, scene: Scene):
-        self._guides = np.zeros(len(scene.frictional_guides), GUIDE)
-        for row, guide in zip(self._guides, scene.frictional_guides.values()):
+    Attributes
+    ----------
+    guides : ndarray of `stiction.engines.shared.step_kernels.GUIDE`
+    """
+
+    def __init__(self, guides: Collection[Translational]):
+        self.guides = np.zeros(len(guides), GUIDE)
+        for row, guide in zip(self.guides, guides):
             row["mu"], row["mus"] = guide.kinetic_coefficient, guide.static_coefficient
             row["length"], row["width"] = guide.length or 0.0, guide.width or 0.0
 
@@ -44,15 +47,15 @@ class GuideFriction:
 
     def modes(self) -> np.ndarray:
         """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
-        return self._guides["mode"].copy()
+        return self.guides["mode"].copy()
 
     def modes_before(self) -> np.ndarray:
         """`modes` in the step before the last."""
-        return self._guides["mode_before"].copy()
+        return self.guides["mode_before"].copy()
 
     def frictions(self) -> np.ndarray:
         """Per frictional guide: the force on the slider along the guide in the last step (N); NaN while it stuck."""
-        return np.where(self._guides["stuck"], nan, self._guides["friction"])
+        return np.where(self.guides["stuck"], nan, self.guides["friction"])
 
 
 class FrictionBound(GuideFriction):
@@ -72,8 +75,10 @@ class FrictionBound(GuideFriction):
 
     Attributes
     ----------
-    balance : MomentumBalance
+    balance : Balance
         The balance of the scene.
+    initial : tuple of ndarray, each of shape (3 * bodies,)
+        Coordinates and velocities at t = 0.
     data : Cap
         For the kernels of `stiction.engines.shared.step_kernels`.
     held : ndarray, shape (frictional,)
@@ -81,13 +86,10 @@ class FrictionBound(GuideFriction):
     """
 
     def __init__(self, scene: Scene, passes: int, capped: bool):
-        super().__init__(scene)
-        if not capped:
-            self._guides = self._guides[:0]
-        self.balance = MomentumBalance(scene)
-        caps, self.held = np.zeros((2, len(self._guides)))
-        self._caps = caps.tolist
-        self.data = Cap(balance=self.balance.data, guides=self._guides, passes=passes, caps=caps, held=self.held,
+        super().__init__(scene.frictional_guides.values() if capped else ())
+        self.balance, self.held, self._caps = Balance.of(scene), self.guides["held"], self.guides["cap"].tolist
+        self.initial = self.balance.q.copy(), self.balance.v.copy()
+        self.data = Cap(balance=self.balance, guides=self.guides, passes=passes,
                         attempts=np.array((0, _FIRST_STEPS), dtype=Attempts.structure()))
 
     def step(self, advance: Callable[[list[float]], None], finish: Callable[[float], bool], t: float,
@@ -108,56 +110,17 @@ class CoefficientSwitch(GuideFriction):
     """The coefficient for contacts of an engine that knows one: mus while stick is undecided, mu otherwise.
 
     Boxes without clearance do not touch at the start; until they have landed stick is undecided.
-
-    Attributes
-    ----------
-    data : Contacts
-        For the kernels of `stiction.engines.shared.step_kernels`.
     """
 
     def __init__(self, scene: Scene):
-        super().__init__(scene)
-        loads, frictions, slip_speeds = np.zeros((3, len(self._guides)))
-        self.data = Contacts(guides=self._guides, loads=loads, frictions=frictions, slip_speeds=slip_speeds)
-        self._coefficients = self._guides["coefficient"]
+        super().__init__(scene.frictional_guides.values())
+        self._coefficients = self.guides["coefficient"]
 
     def begin(self) -> None:
         """Begin the first step."""
         link_kernels(finish_contacts)
-        begin_contacts(self.data)
+        begin_contacts(self.guides)
 
     def coefficients(self) -> list[float]:
         """Per frictional guide, for the next step."""
         return self._coefficients.tolist()
-
-
-class ContactFriction(CoefficientSwitch):
-    """The frictional guides of a tree, in which guides are no joints, whose sliders are held by contacts."""
-
-    def __init__(self, scene: Scene, tree: LinkTree):
-        super().__init__(scene)
-        self._tree, self._still = tree, np.zeros(len(tree.links))
-        places = {name: 3 * i for i, name in enumerate(scene.bodies)}
-        self._along = [(places[guide.slider], *direction_of(guide)) for guide in scene.frictional_guides.values()]
-
-    def _slip_speeds(self, position: np.ndarray, velocity: np.ndarray) -> list[float]:
-        _, v, _ = self._tree.motion(position, velocity, self._still)
-        return [ux * v[place] + uy * v[place + 1] for place, ux, uy in self._along]
-
-    def forget(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Leave stick open where these joint coordinates and velocities have no slip."""
-        self._guides["slip_speed"] = self._slip_speeds(position, velocity)
-        self._guides["stuck"] = self._guides["change"] = 0
-        self.begin()
-
-    def observe(self, position: np.ndarray, velocity: np.ndarray, coefficients: Sequence[float],
-                normals: Sequence[float], frictions: Sequence[float]) -> None:
-        """Take in a step, with the joints' coordinates and velocities behind it.
-
-        Per frictional guide: the coefficient in the step; sums of the magnitudes of its contacts' normal and tangential
-        forces (N).
-        """
-        data = self.data
-        for i, speed in enumerate(self._slip_speeds(position, velocity)):
-            data.loads[i], data.frictions[i], data.slip_speeds[i] = coefficients[i] * normals[i], frictions[i], speed
-        finish_contacts(data)

@@ -2,7 +2,7 @@
 
 A step from t to t + h solves for the accelerations at q(t) under the loads at t, then v(t+h) = v(t) + h a and
 q(t+h) = q(t) + h v(t+h). So a sample at t holds the acceleration of the step that begins at t. A motor holds the rate
-of a drive's law, constant or such that each step ends on the law; `driven_link` says which joints can have one.
+of a drive's law, constant or such that each step ends on the law; `motor_link` says which joints can have one.
 """
 
 from __future__ import annotations
@@ -15,42 +15,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from stiction.engines.protocol import Refused
+from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import Sample, Stepper
-from stiction.engines.shared.friction_bound import ContactFriction, FrictionBound, GuideFriction
+from stiction.engines.shared.friction_bound import CoefficientSwitch, FrictionBound, GuideFriction
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.step_kernels import JointStep, begin_joints, finish_joints, motion
+from stiction.engines.shared.step_kernels import JointStep, begin_joints, finish_contacts, finish_joints, motion
 from stiction.reference_impl.compiled.kernel import bound, link_kernels
 from stiction.scenes import Scene
 from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
-from stiction.scenes.model import Drive, Translational
-
-
-def tree_refusal(scene: Scene, tree: LinkTree, engine: str) -> str | None:
-    """Why a tree with motors cannot represent the scene; None if it can."""
-    for name in tree.loops:
-        if isinstance(scene.joints[name], Translational):
-            return f"joints.{name}: closes a loop; the {engine} adapter closes loops by revolute joints only"
-    motors: dict[int, str] = {}
-    for name, drive in scene.drives.items():
-        if isinstance(found := driven_link(scene, tree, drive), str):
-            return f"drives.{name}: the {engine} adapter {found}"
-        if (other := motors.setdefault(found[0], name)) != name:
-            return f"drives.{name}: drives the same joint as drives.{other}"
-    return None
-
-
-def driven_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int] | str:
-    """The link whose joint coordinate a drive prescribes, and its sign; or, behind the adapter's name, why none."""
-    if drive.type == "angle":
-        hinges = tree.hinge_between(*drive.bodies)
-        if len(hinges) == 1:
-            return hinges[0]
-        return f"drives one hinge at a time, this angle is that of {len(hinges)} hinges"
-    if drive.axis is not None and (found := link_along(scene, tree, drive.bodies, drive.axis)) is not None:
-        if tree.links[found[0]].joint in scene.frictional_guides:
-            return "has one motor a joint, and the guide's friction needs it"
-        return found
-    return "drives distances only along a guide between the same two bodies, as its axis"
+from stiction.scenes.model import Drive
 
 
 def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
@@ -59,25 +32,29 @@ def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
     Raises
     ------
     Refused
-        If there is none; see `driven_link`.
+        If there is none; the words go on from the name of an adapter.
     """
-    if isinstance(found := driven_link(scene, tree, drive), str):
-        raise Refused(found)
+    if drive.type == "angle":
+        hinges = tree.hinge_between(*drive.bodies)
+        if len(hinges) == 1:
+            return hinges[0]
+        raise Refused(f"drives one hinge at a time, this angle is that of {len(hinges)} hinges")
+    if drive.axis is None or (found := link_along(scene, tree, drive.bodies, drive.axis)) is None:
+        raise Refused("drives distances only along a guide between the same two bodies, as its axis")
+    if tree.links[found[0]].joint in scene.frictional_guides:
+        raise Refused("has one motor a joint, and the guide's friction needs it")
     return found
 
 
 def link_along(scene: Scene, tree: LinkTree, bodies: tuple[str, str],
                axis: tuple[float, float]) -> tuple[int, int] | None:
     """The link of a guide, of bodies (slider, guide), that is parallel to an axis of the guide, and its sign."""
-    guides = scene.guides
-    for i, link in enumerate(tree.links):
-        joint = None if link.joint is None else guides.get(link.joint)
-        if not link.slides or joint is None or joint.bodies != bodies:
-            continue
-        (ax, ay), (dx, dy) = axis, joint.direction
+    for name, guide in scene.guides.items():
+        (ax, ay), (dx, dy) = axis, guide.direction
         sine = (ax * dy - ay * dx) / math.hypot(ax, ay) / math.hypot(dx, dy)
-        if abs(sine) < 1e-12:  # parallel to rounding
-            return i, link.sign if np.dot(axis, joint.direction) > 0 else -link.sign
+        if guide.bodies == bodies and name in tree.link_of_joint and abs(sine) < 1e-12:  # parallel to rounding
+            link, sense = tree.link_of_joint[name], 1 if np.dot(axis, guide.direction) > 0 else -1
+            return link, sense * tree.links[link].sign
     return None
 
 
@@ -99,19 +76,11 @@ their start's."""
 class TreeStepper(Stepper):
     """A tree of links with drives and loads, one step ahead of its samples; subclasses have the engine.
 
-    The engine holds the joints of frictional guides by a friction with an upper bound; see `ContactStepper`.
-
-    Parameters
-    ----------
-    scene : Scene
-    h : float
-        The step, s.
-    options : Mapping
-        Settings; `passes`, if any, as of `FrictionBound`.
+    The engine holds the joints of frictional guides by a friction with an upper bound; see `ContactStepper`. A step
+    takes h seconds; of the settings `passes`, if any, is that of `FrictionBound`.
 
     Attributes
     ----------
-    fidelity : str
     position, velocity : ndarray, shape (links,)
         State of the joints, to be set after each pass.
     coordinates, loads : ndarray, shape (3 * bodies,)
@@ -137,8 +106,7 @@ class TreeStepper(Stepper):
         self._bound = FrictionBound(scene, options.get("passes", 1), capped)
         self.friction = self._bound
         self.held, self.balanced = self._bound.held, bool(len(self._bound.held))
-        link_of_joint = {link.joint: i for i, link in enumerate(tree.links)}
-        self.friction_links = [link_of_joint[name] for name in scene.frictional_guides] if capped else []
+        self.friction_links = [tree.link_of_joint[name] for name in scene.frictional_guides] if capped else []
         self.settling = _SETTLING if tree.loops else 0
         self.joints_are(*tree.coordinates(scene))
         self._motors = motors_of(scene, tree, self.position)
@@ -147,27 +115,24 @@ class TreeStepper(Stepper):
 
     def joints_are(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Have the joints' coordinates and velocities in these arrays from now on, of one's own or the engine's."""
-        balance = self._bound.balance.data
-        links, coordinates = len(self.tree.links), len(balance.q)
+        balance = self._bound.balance
+        links = len(self.tree.links)
         self.position, self.velocity, self.loads = position, velocity, balance.loads
-        *self._start, last_position, last_velocity, acceleration = np.zeros((5, links))
-        self.coordinates, v, a = np.zeros((3, coordinates))
+        self.coordinates, v, a = np.zeros((3, len(balance.q)))
         signs = [self.tree.links[link].sign for link in self.friction_links]
         self._data = JointStep(
             cap=self._bound.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data_of_its_own(),
             links=np.array(self.friction_links, dtype=np.int64), signs=np.array(signs, dtype=float), position=position,
-            velocity=velocity, start_position=self._start[0], start_velocity=self._start[1],
-            last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates,
-            v=v, a=a)
+            velocity=velocity, start=np.zeros((2, links)), last=np.zeros((3, links)), q=self.coordinates, v=v, a=a)
 
     def drive_rate(self, link: int, rate: float) -> None:
         """The motor of a joint holds this rate from now on (m/s or rad/s)."""
         self.rates[link] = rate
 
     def advance(self, caps: Sequence[float]) -> None:
-        """One pass of the engine with these bounds of `friction_links` (N), under `loads`.
+        """Make a pass of the engine with these bounds of `friction_links` (N), under `loads`.
 
-        Sets position, velocity and `held`.
+        Sets `position`, `velocity` and `held`.
         """
         raise NotImplementedError
 
@@ -176,7 +141,7 @@ class TreeStepper(Stepper):
         """Set the engine's joint coordinates and rates, each of shape (links,)."""
 
     def _retreat(self) -> None:
-        self.put(*self._start)
+        self.put(*self._data.start)
 
     def compile(self) -> None:
         for link, sign, law, _ in self._motors:
@@ -199,9 +164,7 @@ class TreeStepper(Stepper):
 
     def sample(self) -> Sample:
         """Return the sample at the beginning of the last step."""
-        step = self._data
-        motion_of_bodies = self.tree.motion(step.last_position, step.last_velocity, step.acceleration)
-        return Sample(*motion_of_bodies, self.friction.modes_before(), self.friction.frictions())
+        return Sample(*self.tree.motion(*self._data.last), self.friction.modes_before(), self.friction.frictions())
 
     def samples(self, every: int) -> Iterator[Sample]:
         self.step()
@@ -212,11 +175,15 @@ class ContactStepper(TreeStepper):
     """Steps of a tree whose sliders contacts hold; to be derived from together with an engine's `TreeStepper`."""
 
     fidelity = "contact"
-    friction: ContactFriction
+    friction: CoefficientSwitch
 
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], *engine: Any):
         super().__init__(scene, h, options, *engine)
-        self.friction = ContactFriction(scene, self.tree)
+        self.friction = CoefficientSwitch(scene)
+        places = {name: 3 * i for i, name in enumerate(scene.bodies)}
+        self._axes = [(places[guide.slider], *direction_of(guide)) for guide in scene.frictional_guides.values()]
+        self._still = np.zeros(len(self.tree.links))
+        self._last_step = tuple(self.friction.guides[name] for name in ("cap", "held", "slip_speed"))
 
     @abstractmethod
     def rub(self, coefficients: Sequence[float]) -> None:
@@ -226,9 +193,17 @@ class ContactStepper(TreeStepper):
     def contact_forces(self) -> tuple[Sequence[float], Sequence[float]]:
         """Per frictional guide: sums of the magnitudes of its contacts' normal and tangential forces (N)."""
 
+    def slip_speeds(self) -> list[float]:
+        """Per frictional guide: the present slip speed (m/s)."""
+        _, v, _ = self.tree.motion(self.position, self.velocity, self._still)
+        return [ux * v[place] + uy * v[place + 1] for place, ux, uy in self._axes]
+
     def advance(self, caps: Sequence[float]) -> None:
         coefficients = self.friction.coefficients()
         self.rub(coefficients)
         super().advance(caps)
         if coefficients:
-            self.friction.observe(self.position, self.velocity, coefficients, *self.contact_forces())
+            (caps_of_contacts, held, slip_speeds), (normals, frictions) = self._last_step, self.contact_forces()
+            for i, speed in enumerate(self.slip_speeds()):
+                caps_of_contacts[i], held[i], slip_speeds[i] = coefficients[i] * normals[i], frictions[i], speed
+            finish_contacts(self.friction.guides)

@@ -23,23 +23,12 @@ from stiction.scenes.model import Revolute, Translational
 
 @dataclass(frozen=True)
 class Link:
-    """One link and the joint to its parent.
+    """One link and the joint to its parent, which is the ground where its index is -1.
 
-    Attributes
-    ----------
-    body, joint : str or None
-        The scene's; a link without body has no mass, and is half of a free body's joint.
-    parent : int
-        Index of the parent link; -1 is the ground.
-    slides : bool
-        Along `axis` (axes of this link) or, if not, turns.
-    anchor, point : tuple of float
-        The joint's point in the parent and in this link, from their centres of mass (m).
-    angle : float
-        Angle of this link minus that of the parent at joint coordinate 0.
-    sign : int
-        +1 if the joint coordinate grows as the scene's does (displacement of a guide; angle of the first body minus
-        that of the second), -1 if against it.
+    A link without body has no mass, and is half of a free body's joint. It slides along `axis` (axes of this link), or
+    turns. `anchor` and `point`: the joint's point in the parent and in this link, from their centres of mass (m).
+    `angle`: of this link minus that of the parent at joint coordinate 0. `sign` is 1 if the joint coordinate grows as
+    the scene's does (displacement of a guide; angle of the first body minus that of the second), -1 if against it.
     """
 
     body: str | None
@@ -59,21 +48,17 @@ class LinkTree:
     Translational joints come into the tree first, then the revolute joints that an angle drive turns, then
     the others: what needs a joint coordinate gets one.
 
-    Parameters
-    ----------
-    scene : Scene
-    fidelity : str
-        At ``"contact"`` guides are no joints, and each slider hangs from the ground itself: what a step leaves of J' v,
-        J the Jacobian of the contacts at its start, would move a slider that hangs on a turning body along its surface,
-        and off it. Joints that tie sliders to each other, or to the ground, close loops then.
+    At contact fidelity guides are no joints, and each slider hangs from the ground itself: what a step leaves of J' v,
+    J the Jacobian of the contacts at its start, would move a slider that hangs on a turning body along its surface, and
+    off it. Joints that tie sliders to each other, or to the ground, close loops then.
 
     Attributes
     ----------
     links : list of Link
     loops : list of str
         Names of the joints that close loops.
-    link_of : dict of str to int
-        Index of each body's link; the ground's is -1.
+    link_of, link_of_joint : dict of str to int
+        Index of each body's link, the ground's is -1, and of the link behind each joint of the tree.
     data : Tree
         For `stiction.engines.shared.step_kernels.motion` and its relatives.
     """
@@ -104,12 +89,13 @@ class LinkTree:
             if root not in self.link_of:
                 self._add_free(root)
             self._grow(scene, joints_of, root)
-        self._bodies, count = len(scene.bodies), len(self.links)
-        tables = {field: np.array([getattr(link, field) for link in self.links], dtype=float)
-                  for field in ("axis", "anchor", "point", "angle")}
-        self.data = Tree(parent=np.array([link.parent for link in self.links]),
-                         slides=np.array([link.slides for link in self.links], dtype=np.int64),
-                         order=np.array([self.link_of[name] for name in scene.bodies]), **_room(count), **tables)
+        self.link_of_joint = {link.joint: i for i, link in enumerate(self.links) if link.joint is not None}
+        self._bodies = len(scene.bodies)
+        tables = {field: np.array([getattr(link, field) for link in self.links], dtype=kind)
+                  for field, kind in (("parent", np.int64), ("slides", np.int64), ("axis", float), ("anchor", float),
+                                      ("point", float), ("angle", float))}
+        self.data = Tree(**tables, order=np.array([self.link_of[name] for name in scene.bodies]),
+                         **_room(len(self.links)))
 
     def _grow(self, scene: Scene, joints: Mapping[str, Sequence[str]], root: str) -> None:
         branches = [(root, iter(joints[root]))]
@@ -132,19 +118,18 @@ class LinkTree:
 
     def _add(self, joint: Revolute | Translational, name: str, parent: str, child: str) -> None:
         first = child == joint.bodies[0]
-        common, sign = (child, name, self.link_of[parent]), 1 if first else -1
+        axis, angle = (1.0, 0.0), 0.0
         if isinstance(joint, Revolute):
-            point, anchor = joint.points if first else joint.points[::-1]
-            link = Link(*common, slides=False, anchor=anchor, point=point, sign=sign)
+            points = joint.points
         else:
-            ux, uy = direction_of(joint)
+            axis, points = direction_of(joint), (joint.slider_point, joint.point)
+            angle = joint.angle if first else -joint.angle
             if first:  # the guide's direction in the slider's axes
-                c, s = cos(joint.angle), sin(joint.angle)
-                link = Link(*common, slides=True, axis=(c * ux + s * uy, -s * ux + c * uy), anchor=joint.point,
-                            point=joint.slider_point, angle=joint.angle, sign=sign)
-            else:
-                link = Link(*common, slides=True, axis=(ux, uy), anchor=joint.slider_point, point=joint.point,
-                            angle=-joint.angle, sign=sign)
+                (ux, uy), c, s = axis, cos(angle), sin(angle)
+                axis = c * ux + s * uy, -s * ux + c * uy
+        point, anchor = points if first else points[::-1]
+        link = Link(child, name, self.link_of[parent], isinstance(joint, Translational), axis, anchor, point, angle,
+                    1 if first else -1)
         self.link_of[child] = len(self.links)
         self.links.append(link)
 

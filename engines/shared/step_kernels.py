@@ -18,8 +18,9 @@ from stiction.reference_impl.compiled.linear_algebra import eliminate, minimum_n
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.coulomb import normal_load
 from stiction.reference_impl.multibody.dynamics import applied_forces, row_form
-from stiction.reference_impl.multibody.kinematics import rotate
-from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
+from stiction.reference_impl.multibody.kinematics import rotate, workspace
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
+from stiction.scenes import Scene
 
 SATURATED = 1.0 - 1e-6
 """Part of the cap above which a guide slips: beyond the residuals of the engines' solvers (1e-9), below any load that
@@ -31,11 +32,14 @@ LOOK_AHEAD = 1.5
 """A reversal is expected within this many steps at the last step's change of velocity."""
 
 GUIDE = np.dtype([*((name, float) for name in ("mu", "mus", "length", "width", "normal_force", "moment", "friction",
-                                               "slip_speed", "slip_speed_before", "change", "coefficient", "cap")),
+                                               "held", "slip_speed", "slip_speed_before", "change", "coefficient",
+                                               "cap")),
                   *((name, np.int64) for name in ("stuck", "landed", "mode", "mode_before"))])
 """A frictional guide (m; length 0 where it has none) and its state in the last step (N, N m, m/s).
 
-`change` is that of the slip speed in the step; `mode` is -1, 0 (stick) or 1 in it, `mode_before` in the one before."""
+`held` is the magnitude of its friction, as the engine has it, `cap` the largest that it may have: the bound of its
+joint, or the sum of those of its contacts. `change` is that of the slip speed in the step; `mode` is -1, 0 (stick) or 1
+in it, `mode_before` in the one before."""
 Guides = Annotated[np.ndarray, GUIDE, 1]
 
 
@@ -72,28 +76,31 @@ class Balance(Bundle):
     system: Table
     work: Table
 
+    @classmethod
+    def of(cls, scene: Scene) -> Balance:
+        """Return the balance of a scene, with coordinates and rates at t = 0."""
+        mechanism = Mechanism(scene, stabilization="none")
+        m = mechanism.arrays
+        frictional, coordinates = len(m.friction), len(m.inverse_mass)
+        rows = m.rows + frictional
+        balance = cls.zeros(
+            m=m, w=workspace(m), mass=coordinates, bodies=(rows, 2), known=frictional, unit=2 * rows, unknown=rows,
+            system=(rows, rows), work=(rows, rows), **dict.fromkeys(("q", "v", "loads", "excess"), coordinates),
+            **dict.fromkeys(("force", "right", "solution", "least_squares"), rows))
+        balance.q[:], balance.v[:] = mechanism.initial_state()
+        balance.mass[:], balance.bodies[:] = 1.0 / m.inverse_mass, -1
+        for place, row, body in m.block:
+            balance.bodies[row, place % 6 // 3] = body // 3
+        return balance
+
 
 class Cap(Bundle):
-    """Guides whose friction is capped, of a balance: attempts at an undecided step, caps and frictions held (N)."""
+    """Guides whose friction is capped, of a balance, with the number of attempts at an undecided step."""
 
     balance: Balance
     guides: Guides
     passes: int
     attempts: Attempts
-    caps: Reals
-    held: Reals
-
-
-class Contacts(Bundle):
-    """Guides whose friction the engine finds itself, and the last step of each.
-
-    Sums over the contacts of the largest possible and of the actual magnitude of friction (N), and slip speeds (m/s).
-    """
-
-    guides: Guides
-    loads: Reals
-    frictions: Reals
-    slip_speeds: Reals
 
 
 class Tree(Bundle):
@@ -136,14 +143,14 @@ class SpaceStep(Bundle):
 
 
 class SpaceContacts(Bundle):
-    """Contacts of an engine that reports them two bodies at a time.
+    """Contacts, by which guides rub, of an engine that reports them two bodies at a time.
 
     By frictional guide: the body of the slider, the engine's name of it (`identity`), the unit vector of the guide
     (`along`). By pair: names of the two bodies (`touching`), and the `impulse` of the step (N s): x, y, and the
     contact's normal; zero where there is no such pair.
     """
 
-    contacts: Contacts
+    guides: Guides
     step: SpaceStep
     slider: Integers
     identity: Annotated[np.ndarray, np.uint64, 1]
@@ -157,8 +164,8 @@ class JointStep(Bundle):
 
     `loaded` is 1 if anything but weight acts on the bodies. `links`, `signs`: of the guides with a cap, and 1, or -1
     where the link's coordinate runs against the displacement. By link: `position`, `velocity` as the engine has left
-    them; at the start of the step that is about to be made; at that of the last one, and the acceleration in it.
-    q, v, a (3 * bodies,): of the bodies, at `start_position`; `a` is scratch.
+    them; `start` (2, links), both at the start of the step that is about to be made; `last` (3, links), both at that of
+    the last one, and the acceleration in it. q, v, a (3 * bodies,): of the bodies, at `start`; `a` is scratch.
     """
 
     cap: Cap
@@ -169,11 +176,8 @@ class JointStep(Bundle):
     signs: Reals
     position: Reals
     velocity: Reals
-    start_position: Reals
-    start_velocity: Reals
-    last_position: Reals
-    last_velocity: Reals
-    acceleration: Reals
+    start: Table
+    last: Table
     q: Reals
     v: Reals
     a: Reals
@@ -298,12 +302,15 @@ def _set_caps(cap):
         guide.cap = guide.coefficient * normal_load(guide, guide.normal_force, guide.moment, kappa)
         if not isfinite(guide.cap):
             raise FloatingPointError("a reaction is not finite")
-        cap.caps[i] = guide.cap
 
 
 @kernel
-def _begin(cap, t, q, v, ahead):
-    """Begin a step: balance of momentum at its instant, coefficients, caps, number of attempts."""
+def _begin(cap, loaded, t, q, v, ahead):
+    """Begin a step: loads at its instant, and for guides with a cap the balance there, coefficients, caps, attempts."""
+    if len(cap.guides) == 0:
+        if loaded:
+            applied_loads(cap.balance, t, q, v, ahead)
+        return
     assemble(cap.balance, t, q, v, ahead)
     attempts = cap.attempts
     attempts.left = cap.passes if _choose(cap.guides) else 1
@@ -322,7 +329,7 @@ def _judge(cap, a):
     guides, balance, m, attempts = cap.guides, cap.balance, cap.balance.m, cap.attempts
     for i in range(len(guides)):
         guide = guides[i]
-        guide.stuck = int(cap.held[i] < guide.cap * SATURATED)
+        guide.stuck = int(guide.held < guide.cap * SATURATED)
         balance.known[i] = np.nan if guide.stuck else -_sign(guide.slip_speed) * guide.cap
     row_forces(balance, a)
     for i in range(len(guides)):
@@ -348,21 +355,20 @@ def _judge(cap, a):
 
 
 @kernel
-def begin_contacts(contacts: Contacts) -> None:
-    """Begin the first step of contacts."""
-    _choose(contacts.guides)
+def begin_contacts(guides: Guides) -> None:
+    """Begin the first step of guides whose friction the engine's contacts find."""
+    _choose(guides)
 
 
 @kernel
-def finish_contacts(contacts: Contacts) -> None:
-    """Take in a step of contacts; the next one has begun."""
-    guides, loads, frictions, slip_speeds = contacts.guides, contacts.loads, contacts.frictions, contacts.slip_speeds
+def finish_contacts(guides: Guides) -> None:
+    """Take in a step, of which these guides have `cap`, `held` and `slip_speed`; the next one has begun."""
     for i in range(len(guides)):
         guide = guides[i]
-        guide.stuck = int(frictions[i] < loads[i] * SATURATED or not guide.landed)
-        guide.landed = int(guide.landed or loads[i] > 0.0)
-        guide.change, guide.slip_speed = slip_speeds[i] - guide.slip_speed, slip_speeds[i]
-        guide.friction = -_sign(slip_speeds[i]) * frictions[i]
+        guide.stuck = int(guide.held < guide.cap * SATURATED or not guide.landed)
+        guide.landed = int(guide.landed or guide.cap > 0.0)
+        guide.change = guide.slip_speed - guide.slip_speed_before
+        guide.friction = -_sign(guide.slip_speed) * guide.held
         _tell_mode(guide)
     _choose(guides)
 
@@ -370,18 +376,19 @@ def finish_contacts(contacts: Contacts) -> None:
 @kernel
 def finish_space_contacts(touch: SpaceContacts) -> None:
     """Take in a step, and forget its impulses; the next one has begun."""
-    contacts, step, touching, impulse = touch.contacts, touch.step, touch.touching, touch.impulse
-    for i in range(len(contacts.guides)):
+    guides, step, touching, impulse = touch.guides, touch.step, touch.touching, touch.impulse
+    for i in range(len(guides)):
+        guide = guides[i]
         along, across, v = 0.0, 0.0, 3 * touch.slider[i]
         for k in range(len(touching)):
             if touching[k, 0] == touch.identity[i] or touching[k, 1] == touch.identity[i]:
                 jx, jy, nx, ny = impulse[k, 0], impulse[k, 1], impulse[k, 2], impulse[k, 3]
                 along += abs(nx * jx + ny * jy)
                 across += abs(nx * jy - ny * jx)
-        contacts.loads[i], contacts.frictions[i] = contacts.guides[i].coefficient * along / step.h, across / step.h
-        contacts.slip_speeds[i] = touch.along[i, 0] * step.v[v] + touch.along[i, 1] * step.v[v + 1]
+        guide.cap, guide.held = guide.coefficient * along / step.h, across / step.h
+        guide.slip_speed = touch.along[i, 0] * step.v[v] + touch.along[i, 1] * step.v[v + 1]
     impulse[:] = 0.0
-    finish_contacts(contacts)
+    finish_contacts(guides)
 
 
 @kernel
@@ -402,10 +409,7 @@ def begin_space(step: SpaceStep, t: float) -> None:
     for body in range(len(step.present)):
         for k in range(6):
             step.before[body, k] = step.present[body, k]
-    if len(cap.guides):
-        _begin(cap, t, step.q, step.v, step.h)
-    elif step.loaded:
-        applied_loads(cap.balance, t, step.q, step.v, step.h)
+    _begin(cap, step.loaded, t, step.q, step.v, step.h)
     copy(cap.balance.loads, step.pushed)
 
 
@@ -490,30 +494,26 @@ def motion(tree: Tree, position: Reals, velocity: Reals, acceleration: Reals, q:
 @kernel
 def begin_joints(step: JointStep, t: float) -> None:
     """Begin a step, at t."""
-    copy(step.position, step.start_position)
-    copy(step.velocity, step.start_velocity)
-    capped = len(step.cap.guides) > 0
-    if capped or step.loaded:
+    copy(step.position, step.start[0])
+    copy(step.velocity, step.start[1])
+    if len(step.cap.guides) or step.loaded:
         _move(step.tree, step.position, step.velocity, step.q, step.v)
-    if capped:
-        _begin(step.cap, t, step.q, step.v, 0.0)
-    elif step.loaded:
-        applied_loads(step.cap.balance, t, step.q, step.v, 0.0)
+        _begin(step.cap, step.loaded, t, step.q, step.v, 0.0)
 
 
 @kernel
 def finish_joints(step: JointStep, t: float) -> bool:
     """Take in a pass; True if the step is to be repeated. If not, the next one has begun, at t."""
-    guides, before = step.cap.guides, step.start_velocity
+    guides, start, last = step.cap.guides, step.start, step.last
     for i in range(len(step.velocity)):
-        step.acceleration[i] = (step.velocity[i] - before[i]) / step.h
+        last[2, i] = (step.velocity[i] - start[1, i]) / step.h
     if len(guides):
         for i in range(len(guides)):
             guides[i].slip_speed = step.signs[i] * step.velocity[step.links[i]]
-        _accelerate(step.tree, step.start_position, before, step.acceleration, step.a)
+        _accelerate(step.tree, start[0], start[1], last[2], step.a)
         if _judge(step.cap, step.a):
             return True
-    copy(step.start_position, step.last_position)
-    copy(before, step.last_velocity)
+    copy(start[0], last[0])
+    copy(start[1], last[1])
     begin_joints(step, t)
     return False

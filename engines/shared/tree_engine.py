@@ -9,13 +9,17 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Any, ClassVar
 
-from stiction.engines.shared.acceleration_integrator import METHOD, TreeAccelerations, integrate, tolerance_of
+from stiction.engines.protocol import Refused
+from stiction.engines.shared.acceleration_integrator import (DEFAULT_TOLERANCE, METHOD, Dynamics, TreeAccelerations,
+                                                             integrate)
 from stiction.engines.shared.contact_geometry import contact_refusal
+from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import SteppedEngine
 from stiction.engines.shared.inconsistent_start import refuse_off
-from stiction.engines.shared.joint_coordinates import tree_refusal
+from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.scenes import Scene, Trajectory
+from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes.model import Translational
 
 
 class TreeEngine(SteppedEngine):
@@ -44,24 +48,37 @@ class TreeEngine(SteppedEngine):
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene)):
             return reason
-        tree = LinkTree(scene, fidelity)
-        return tree_refusal(scene, tree, self.called) or self.refusal_of_tree(scene, tree)
+        tree, motors = LinkTree(scene, fidelity), dict[int, str]()
+        for name in tree.loops:
+            if isinstance(scene.joints[name], Translational):
+                return f"joints.{name}: closes a loop; the {self.called} adapter closes loops by revolute joints only"
+        for name, drive in scene.drives.items():
+            try:
+                link, _ = motor_link(scene, tree, drive)
+            except Refused as reason:
+                return f"drives.{name}: the {self.called} adapter {reason}"
+            if (other := motors.setdefault(link, name)) != name:
+                return f"drives.{name}: drives the same joint as drives.{other}"
+        return self.refusal_of_tree(scene, tree)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         """Why this engine cannot represent a tree of links that others can; None if it can."""
         return None
 
     @abstractmethod
-    def accelerations(self, scene: Scene) -> AbstractContextManager[TreeAccelerations]:
-        """Its mass matrix and bias forces, for as long as they are asked for."""
+    def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> AbstractContextManager[Dynamics]:
+        """Its mass matrix and inverse dynamics of a tree, for as long as they are asked for; calls by the clock."""
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         if settings.get("method") != METHOD:
             return super().run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step,
                                settings=settings)
-        start, tolerance = time.process_time(), tolerance_of(dt, rtol, fidelity, settings)
+        if dt is not None or fidelity != "joint" or len(settings) > 1:
+            raise InputError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
+        start, tolerance = time.process_time(), DEFAULT_TOLERANCE if rtol is None else rtol
         refuse_off(scene)
-        with self.accelerations(scene) as accelerations:
+        accelerations = TreeAccelerations(scene)
+        with self.dynamics(scene, accelerations.tree, accelerations.clock) as accelerations.dynamics:
             return integrate(accelerations, scene, self, t_end=t_end, rtol=tolerance, output_step=output_step,
                              setup_s=time.process_time() - start)

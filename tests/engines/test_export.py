@@ -14,9 +14,9 @@ from stiction.engines import load_engine
 from stiction.engines.exudyn.engine import scene_as_script
 from stiction.engines.mujoco.engine import scene_as_mjcf
 from stiction.engines.pybullet.urdf import urdf
-from stiction.engines.shared.joint_coordinates import driven_link
+from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.momentum import MomentumBalance
+from stiction.engines.shared.step_kernels import Balance, applied_loads
 from stiction.scenes import load_scene
 from stiction.scenes.laws import evaluate_law
 
@@ -139,7 +139,7 @@ def test_the_urdf_makes_the_motion_of_the_adapter(name, t_end, tmp_path, capfd):
     named = (*scene.drives, *scene.forces, *scene.springs, *scene.frictional_guides)
     assert all(f'"{name}"' in header for name in named)
     client = pybullet.connect(pybullet.DIRECT)
-    here, balance = {"physicsClientId": client}, MomentumBalance(scene)
+    here, balance = {"physicsClientId": client}, Balance.of(scene)
     try:
         capfd.readouterr()
         model = pybullet.loadURDF(str(file), useFixedBase=True, flags=pybullet.URDF_USE_INERTIA_FROM_FILE, **here)
@@ -165,7 +165,7 @@ def test_the_urdf_makes_the_motion_of_the_adapter(name, t_end, tmp_path, capfd):
             move(link, 0.0, 0.0)
             pybullet.resetJointState(model, order[link], *start, **here)
         for drive in scene.drives.values():  # lines, all of them
-            link, sign = driven_link(scene, tree, drive)
+            link, sign = motor_link(scene, tree, drive)
             move(link, sign * evaluate_law(drive.law, 0.0)[1], 1e9)
         for k in range(steps):
             states = np.array([pybullet.getJointState(model, joint, **here)[:2] for joint in order])
@@ -174,7 +174,8 @@ def test_the_urdf_makes_the_motion_of_the_adapter(name, t_end, tmp_path, capfd):
             for link, cap in bounds[k]:
                 move(link, 0.0, cap)
             q, v, _ = tree.motion(*states.T.copy(), np.zeros(len(order)))
-            for body, place, load in zip(scene.bodies, q.reshape(-1, 3), balance.loads(k * STEP, q, v).reshape(-1, 3)):
+            applied_loads(balance, k * STEP, q, v, 0.0)
+            for body, place, load in zip(scene.bodies, q.reshape(-1, 3), balance.loads.reshape(-1, 3)):
                 pybullet.applyExternalForce(model, joints[body], [*load[:2], 0.0], [*place[:2], 0.0],
                                             pybullet.WORLD_FRAME, **here)
                 pybullet.applyExternalTorque(model, joints[body], [0.0, 0.0, load[2]], pybullet.WORLD_FRAME, **here)

@@ -17,6 +17,7 @@ from stiction.engines.gate import problems, required_columns
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Breakdown, Cost, Scene, load_scene, scene_from_dict, vary
+from stiction.scenes.columns import BODY_COLUMNS
 
 SCENE, T_END = "slider-bar-case-1", 4.5  # holds the first stick and slip
 
@@ -145,23 +146,29 @@ FAULTS = {
 
 
 class Sound(ReferenceEngine):
-    """The reference, from which the others differ in what they return."""
+    """The reference, from which the others differ in what they return, by settings of their own."""
 
-    name = "sound"
+    name, own = "sound", {}
+
+    def default_settings(self, fidelity):
+        return {**super().default_settings(fidelity), **self.own}
+
+    def run(self, scene, *, settings, **arguments):
+        own = {name: settings.get(name, default) for name, default in self.own.items()}
+        rest = {name: value for name, value in settings.items() if name not in own}
+        return self.changed(super().run(scene, settings=rest, **arguments), scene, **own)
+
+    def changed(self, run, scene):
+        return run
 
 
 class Misbehaving(Sound):
     """Returns what the setting ``fault`` names."""
 
-    name = "misbehaving"
+    name, own = "misbehaving", {"fault": ""}
 
-    def default_settings(self, fidelity):
-        return {**super().default_settings(fidelity), "fault": ""}
-
-    def run(self, scene, *, settings, **arguments):
-        settings = dict(settings)
-        fault, _ = {**FAULTS, **INCOHERENT}[settings.pop("fault")]
-        return fault(super().run(scene, settings=settings, **arguments))
+    def changed(self, run, scene, fault):
+        return {**FAULTS, **INCOHERENT}[fault][0](run)
 
 
 class Blind(Sound):
@@ -172,26 +179,23 @@ class Blind(Sound):
     def locates_events(self, fidelity, settings):
         return False
 
-    def run(self, scene, **arguments):
-        return with_events(super().run(scene, **arguments), lambda events: [])
+    def changed(self, run, scene):
+        return with_events(run, lambda events: [])
+
+
+def motion_of(run, scene):
+    return [np.stack([run[f"{body}.{label}"] for body in scene.bodies for label in labels], axis=1) for labels in BODY_COLUMNS]
 
 
 class Hasty(Sound):
     """Velocities behind the start are `factor` times the derivatives of its positions; the setting ``only`` names those of one kind, else all are. All that
     follows from them is as they have it."""
 
-    name = "hasty"
+    name, own = "hasty", {"factor": 1.0, "only": ""}
 
-    def default_settings(self, fidelity):
-        return {**super().default_settings(fidelity), "factor": 1.0, "only": ""}
-
-    def run(self, scene, *, settings, **arguments):
-        settings = dict(settings)
-        factor, only = settings.pop("factor"), settings.pop("only", "")
-        run = super().run(scene, settings=settings, **arguments)
-        q, v, a = (np.stack([run[f"{body}.{label}"] for body in scene.bodies for label in labels], axis=1)
-                   for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")))
-        v[1:, [label.startswith(only) for _ in scene.bodies for label in ("vx", "vy", "omega")]] *= factor
+    def changed(self, run, scene, factor, only):
+        q, v, a = motion_of(run, scene)
+        v[1:, [label.startswith(only) for _ in scene.bodies for label in BODY_COLUMNS[1]]] *= factor
         known = {name: run[name] for name in run.columns if name.endswith((".mode", ".friction"))}
         return replace(run, columns=recover_columns(scene, run.t, q, v, a, known), events=())
 
@@ -199,46 +203,37 @@ class Hasty(Sound):
 class Rough(Sound):
     """The motion with coefficients `factor` times those of the scene: all is coherent but the law."""
 
-    name = "rough"
-
-    def default_settings(self, fidelity):
-        return {**super().default_settings(fidelity), "mu": 1.0, "mus": 1.0}
+    name, own = "rough", {"mu": 1.0, "mus": 1.0}
 
     def run(self, scene, *, settings, **arguments):
-        settings = dict(settings)
-        factors = {f"guide.{name}": settings.pop(name, 1.0) * getattr(scene.guides["guide"], attribute)
+        factors = {f"guide.{name}": settings.get(name, 1.0) * getattr(scene.guides["guide"], attribute)
                    for name, attribute in (("mu", "mu"), ("mus", "static_coefficient"))}
         return super().run(vary(scene, factors), settings=settings, **arguments)
+
+    def changed(self, run, scene, mu, mus):
+        return run
 
 
 class Recovered(Sound):
     """Forces recovered from the motion, of which it says no events; frictions are those of the setting ``friction``, times those of the motion."""
 
-    name = "recovered"
-
-    def default_settings(self, fidelity):
-        return {**super().default_settings(fidelity), "friction": {}, "nan": ""}
+    name, own = "recovered", {"friction": {}, "nan": ""}
 
     def locates_events(self, fidelity, settings):
         return False
 
-    def run(self, scene, *, settings, **arguments):
-        settings = dict(settings)
-        factors, spoilt = settings.pop("friction", {}), settings.pop("nan", "")
-        run = super().run(scene, settings=settings, **arguments)
-        motion = (np.stack([run[f"{body}.{label}"] for body in scene.bodies for label in labels], axis=1)
-                  for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha")))
-        known = {f"{guide}.friction": factor * run[f"{guide}.friction"] for guide, factor in factors.items()}
-        known |= {f"{guide}.mode": run[f"{guide}.mode"] for guide in factors}
-        found = replace(run, columns=recover_columns(scene, run.t, *motion, known), events=())
-        return spoiled(found, spoilt, 3, math.nan) if spoilt else found
+    def changed(self, run, scene, friction, nan):
+        known = {f"{guide}.friction": factor * run[f"{guide}.friction"] for guide, factor in friction.items()}
+        known |= {f"{guide}.mode": run[f"{guide}.mode"] for guide in friction}
+        found = replace(run, columns=recover_columns(scene, run.t, *motion_of(run, scene), known), events=())
+        return spoiled(found, nan, 3, math.nan) if nan else found
 
 
 class WithoutDrift(Sound):
     name = "without-drift"
 
-    def run(self, scene, **arguments):
-        return without(super().run(scene, **arguments), "drift.position")
+    def changed(self, run, scene):
+        return without(run, "drift.position")
 
 
 class Astray(Sound):
@@ -246,10 +241,9 @@ class Astray(Sound):
 
     name = "astray"
 
-    def run(self, scene, **arguments):
-        found = super().run(scene, **arguments)
-        more = {"ball.x": 1e74 * found.t ** 2, "ball.vx": 2e74 * found.t, "ball.ax": np.full(len(found.t), 2e74)}
-        return replace(found, columns={**found.columns, **{name: found[name] + values for name, values in more.items()}})
+    def changed(self, run, scene):
+        more = {"ball.x": 1e74 * run.t ** 2, "ball.vx": 2e74 * run.t, "ball.ax": np.full(len(run.t), 2e74)}
+        return replace(run, columns={**run.columns, **{name: run[name] + values for name, values in more.items()}})
 
 
 BALL = """

@@ -11,7 +11,7 @@ from stiction.comparisons.conformance import conformance
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.engines import EngineFailure, EngineMissing, Refused, load_engine
 from stiction.engines.siconos import engine as adapter
-from stiction.scenes import InputError, load_scene, scene_from_dict, vary
+from stiction.scenes import load_scene, scene_from_dict, vary
 from stiction.scenes.laws import evaluate_law
 
 G = 9.81
@@ -98,16 +98,6 @@ def test_it_makes_the_steps_of_our_own_stepping(engine, name, settings):
 
 def test_it_conforms(engine, in_this_process):
     assert [trial.verdict for trial in conformance(str(adapter.DECLARATION), 120)] == ["right"] * 4
-
-
-@pytest.mark.parametrize(("settings", "words"), [
-    ({"theta": 0.4}, "theta: found 0.4; expected 0.5 .. 1"), ({"clearance": 0.0}, "clearance: found 0"),
-    ({"block": "newton"}, "block: found 'newton'; expected one of nsgs"),
-    ({"theta": "abc"}, "theta: found 'abc'; expected a number"),
-    ({"iterations": 2.5}, "iterations: found 2.5; expected a whole number")])
-def test_settings_that_it_cannot_have(engine, settings, words):
-    with pytest.raises(InputError, match=words):
-        engine(load_scene("pendulum"), t_end=0.1, dt=1e-2, **settings)
 
 
 def test_engine_time_is_that_of_the_kernel_s_calls(engine):

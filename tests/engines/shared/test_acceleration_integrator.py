@@ -46,9 +46,3 @@ def test_two_sided_values_fit_the_truth(engine):
 def test_refuses_what_it_cannot(engine, name):
     with pytest.raises(Refused):
         engine.simulate(load_scene(name), t_end=0.1, rtol=1e-6, **METHOD)
-
-
-@pytest.mark.parametrize("wrong", [{"dt": 1e-3}, {"rtol": 1e-6, "fidelity": "contact"}, {"rtol": 1e-6, "iterations": 5}])
-def test_says_what_does_not_go_with_it(engine, wrong):
-    with pytest.raises(ValueError, match="accelerations"):
-        engine.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.1, **wrong, **METHOD)

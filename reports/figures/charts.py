@@ -54,13 +54,7 @@ def _looks_used(figure: Figure) -> list[str]:
 
 @singledispatch
 def draw(figure: Figure, looks: Mapping[str, Look]) -> Drawing:
-    """Draw a figure of a kind that this renderer knows.
-
-    Raises
-    ------
-    TypeError
-        For another kind.
-    """
+    """Draw a figure of a kind that this renderer knows; TypeError for another kind."""
     raise TypeError(f"found a {type(figure).__name__}; expected Chart, HeatMap or MechanismPicture")
 
 

@@ -135,14 +135,16 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
     if out is None and len(table):
         print("\nEvery row with its numbers and reasons: --out FILE.csv")
     if plot is not None:
+        from stiction.comparisons.atomic_files import whole_file
         from stiction.reports.figures.charts import drawn
-        from stiction.reports.figures.style import rc, write_figure
+        from stiction.reports.figures.style import rc
+        from stiction.scenes.pictures.picture import write_figure
 
         if not said.figures:
             raise ended(FAILED, f"{plot}: not written: `compare {study.name}` has no figure of these runs")
-        with rc():
+        with rc(), whole_file(plot) as partial:
             [drawing] = drawn(said.figures[:1], results)
-            write_figure(drawing, plot)
+            write_figure(drawing.figure, partial)
     if problems is not None:
         write_problems(results.problems, problems)
     if table.empty:

@@ -55,7 +55,7 @@ def draw(scene: SceneName,
     loaded = scene_of(scene, overrides)
     check_written(out, ENDINGS, "--out")
     with whole_file(out) as partial:
-        loaded.draw().write(partial, out.suffix.lower().removeprefix("."))
+        loaded.draw().write(partial)
     print(out)
 
 
@@ -107,7 +107,7 @@ def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | 
 
     if plot is not None:
         with whole_file(plot) as partial:
-            trajectory.plot().write(partial, plot.suffix.lower().removeprefix("."))
+            trajectory.plot().write(partial)
         print(plot)
     if animation is not None:
         from stiction.scenes import InputError
@@ -117,5 +117,5 @@ def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | 
             raise InputError(f"--animate: found a trajectory of {trajectory.scene} without its mechanism; expected one "
                              "that knows it")
         with whole_file(animation) as partial:
-            animate(trajectory.mechanism, trajectory, partial, animation.suffix.lower())
+            animate(trajectory.mechanism, trajectory, partial)
         print(animation)

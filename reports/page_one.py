@@ -68,12 +68,7 @@ def bullets(report: Report) -> list[tuple[str, TracedText]]:
 def page_one(report: Report, picture: str, origin: str) -> str:
     """Write the page in Markdown, in lines of at most `WIDTH` characters.
 
-    Parameters
-    ----------
-    picture
-        Markdown of the mechanism's picture; none if empty.
-    origin
-        When and with what it was run, in a line.
+    `picture`: Markdown of the mechanism's picture; none if empty. `origin`: when and with what it was run, in a line.
     """
     results, table = report.results, headline_table(report)
     answer = [part.text for part in report.answer]

@@ -197,14 +197,12 @@ class Trajectory:
         ValueError
             For other runs without columns.
         """
-        from stiction.scenes.pictures.evolution import evolution, overlay
+        from stiction.scenes.pictures.evolution import evolution
 
-        others = tuple(against)
-        if not others:
-            return evolution(self, columns)
-        if not columns:
+        runs = (self, *against)
+        if len(runs) > 1 and not columns:
             raise ValueError("columns: found none; expected those in which the runs are compared")
-        return overlay((self, *others), columns)
+        return evolution(runs, columns)
 
     def save(self, file: str | Path) -> None:
         """Write all of it to a Parquet file, which `load` reads; nothing is rounded."""

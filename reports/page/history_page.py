@@ -27,13 +27,7 @@ MOST_FAILED = 200
 
 
 def write_history_page(history: Path, file: Path) -> None:
-    """Write the page of a history; the same history gives the same bytes.
-
-    Raises
-    ------
-    HistoryRefused
-        If `history` is none.
-    """
+    """Write the page of a history; the same history gives the same bytes. HistoryRefused if `history` is none."""
     with open_history(history, write=False):
         pass  # it is one, of this format
     with closing(sqlite3.connect(f"{history.absolute().as_uri()}?mode=ro", uri=True)) as connection:

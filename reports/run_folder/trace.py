@@ -31,26 +31,16 @@ _KEY = re.compile(r"(?:([A-Z])|([\w-]+):)(\d+(?:-\d+(?:/[1-9]\d*)?)?(?:,\d+(?:-\
 
 @dataclass(frozen=True)
 class Source:
-    """The rows and files that a key leads to.
+    """The rows and files that a key leads to."""
 
-    Attributes
-    ----------
-    table : str
-        Its name in the data, without folder and ending.
-    numbers : str
-        Its rows as in the key: ``16-30,45``.
-    rows : DataFrame
-        Its rows in full precision, by their numbers.
-    files : tuple of str
-        Trajectories and truths behind the rows, relative to the run folder; none where no run is (a claim, a parameter)
-        and where a row sums up runs that are not kept (a threshold).
-    """
-
-    key: str
     table: str
+    """Its name in the data, without folder and ending"""
     numbers: str
+    """Its rows as in the key: ``16-30,45``"""
     rows: pd.DataFrame
+    """In full precision, by their numbers"""
     files: tuple[str, ...]
+    """Trajectories and truths behind the rows, relative to the run folder; none where no run is kept"""
 
     @property
     def place(self) -> str:
@@ -76,13 +66,7 @@ def key_of(table: str, rows: Iterable[int]) -> str:
 
 
 def resolve(run: StoredRun, key: str) -> Source:
-    """Find what `key` leads to in `run`.
-
-    Raises
-    ------
-    InputError
-        For a key that leads nowhere, saying what would.
-    """
+    """Find what `key` leads to in `run`; InputError for a key that leads nowhere says what would."""
     match = _KEY.fullmatch(key.strip())
     names = {letter: name for name, letter in LETTERS.items() if name in run.tables}
     name = (names.get(match[1]) if match[1] else match[2]) if match else None
@@ -101,7 +85,7 @@ def resolve(run: StoredRun, key: str) -> Source:
     files = list(rows[TRAJECTORY].dropna()) if TRAJECTORY in rows else []
     truths = rows["truth"].dropna().map(truth_file) if "truth" in rows else []
     files += [file for file in truths if (run.folder / file).is_file()]
-    return Source(key, name, match[3], rows, tuple(dict.fromkeys(files)))
+    return Source(name, match[3], rows, tuple(dict.fromkeys(files)))
 
 
 def described(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:

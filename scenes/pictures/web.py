@@ -17,6 +17,7 @@ from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Scene
 from stiction.scenes.pictures.geometry import LONGEST_ARROW, View
 from stiction.scenes.pictures.parts import LOOKS, CornerForce, Label, Link, Stroke, parts
+from stiction.scenes.trajectory import Trajectory
 
 CONTENT_SECURITY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 """Permissions of a page in a browser: nothing with the network."""
@@ -91,6 +92,12 @@ def force_columns(scene: Scene) -> list[str]:
             for number in (1, 2, 3, 4)]
 
 
+def largest_force(scene: Scene, columns: Trajectory | Mapping[str, np.ndarray]) -> float:
+    """Largest force on a corner over the whole motion, N, whose arrow is the longest; 1 where there are none."""
+    forces = (columns[name] for name in force_columns(scene) if name in columns)
+    return max((float(np.nanmax(force, initial=0.0)) for force in forces), default=0.0) or 1.0
+
+
 def document(title: str, body: str, styles: Iterable[str], scripts: Iterable[str]) -> str:
     """Make an HTML document with everything in it; it requests nothing from the network."""
     return "\n".join([
@@ -101,10 +108,10 @@ def document(title: str, body: str, styles: Iterable[str], scripts: Iterable[str
         "<body>", body, *(f"<script>\n{script}</script>" for script in scripts), "</body>", "</html>", ""])
 
 
-def data(name: str, content: Mapping[str, Any]) -> str:
-    """JSON as an element of a document."""
+def data(attribute: str, content: Mapping[str, Any]) -> str:
+    """JSON as an element of a document, with an attribute by which its scripts find it."""
     text = json.dumps(content, ensure_ascii=False).replace("</", "<\\/")
-    return f'<script type="application/json" id="{escape(name)}">{text}</script>'
+    return f'<script type="application/json" {attribute}>{text}</script>'
 
 
 def asset(name: str) -> str:

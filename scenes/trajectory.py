@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from stiction.scenes.base_errors import InputError
 from stiction.scenes.wording import shortened
 
 if TYPE_CHECKING:
@@ -194,14 +195,14 @@ class Trajectory:
         ------
         KeyError
             For a column that is not there.
-        ValueError
+        InputError
             For other runs without columns.
         """
         from stiction.scenes.pictures.evolution import evolution
 
         runs = (self, *against)
         if len(runs) > 1 and not columns:
-            raise ValueError("columns: found none; expected those in which the runs are compared")
+            raise InputError("columns: found none; expected those in which the runs are compared")
         return evolution(runs, columns)
 
     def save(self, file: str | Path) -> None:
@@ -230,7 +231,7 @@ class Trajectory:
 
         Raises
         ------
-        ValueError
+        InputError
             If the film cannot be written under this name, or if the mechanism is not known.
         """
         from pathlib import Path
@@ -238,7 +239,7 @@ class Trajectory:
         from stiction.scenes.pictures.animation import animate
 
         if self.mechanism is None:
-            raise ValueError("mechanism: found None; "
+            raise InputError("mechanism: found None; "
                              f"expected the trajectory of {self.scene} as Engine.simulate returns it")
         return animate(self.mechanism, self, Path(file))
 

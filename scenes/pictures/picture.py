@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 WIDTH = 174 / 25.4
 """Inches: both columns of a journal page."""
 DPI = 150
-ENDINGS = (".svg", ".pdf", ".png")
 # of Okabe & Ito's palette (the purple darker), which the colour-blind can distinguish
 COLORS = {"ink": "#000000", "quiet": "#888888", "paper": "#FFFFFF", "body": "#D9E4EC", "shade": "#E2E2E2",
           "drive": "#D55E00", "spring": "#009E73", "load": "#0072B2", "corner": "#A03A7B"}

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stiction.cli.exit_codes import FAILED, ended
-from stiction.cli.options import Overrides, SceneName, Timeout, check_written, scene_of
-from stiction.cli.render import EVENTS_SHOWN, announce, show
+from stiction.cli.options import Overrides, SceneName, Timeout, scene_of, written
+from stiction.cli.render import EVENTS_SHOWN, announce, print_or_write, show
 
 if TYPE_CHECKING:
     from stiction.engines import Engine, EngineMissing
@@ -102,9 +102,9 @@ def export(scene: SceneName, overrides: Overrides = [],
            fidelity: Annotated[str, typer.Option(
                metavar="joint|contact", help="Bilateral joints, or (mjcf) a box between surfaces.")] = "joint",
            out: Annotated[Path | None, typer.Option(
-               "--out", metavar="FILE", help="Where to write it; shown if not given.")] = None) -> None:
+               "--out", metavar="FILE", callback=written(), help="Where to write it; shown if not given.")] = None
+           ) -> None:
     """Write the scene as a model that an engine's users know."""
-    from stiction.comparisons.atomic_files import write_text
     from stiction.engines.exudyn.engine import scene_as_script
     from stiction.engines.mujoco.engine import scene_as_mjcf
     from stiction.engines.protocol import FIDELITIES
@@ -120,14 +120,7 @@ def export(scene: SceneName, overrides: Overrides = [],
     if fidelity not in (can := FIDELITIES if to == "mjcf" else ("joint",)):
         raise typer.BadParameter(f"found {fidelity!r}; expected {' or '.join(can)} with --to {to}",
                                  param_hint="--fidelity")
-    if out is not None:
-        check_written(out, option="--out")
-    text = writers[to](scene_of(scene, overrides))
-    if out is None:
-        print(text, end="")
-    else:
-        write_text(out, text)
-        print(out)
+    print_or_write(writers[to](scene_of(scene, overrides)), out)
 
 
 def _try(name: str, timeout: float) -> None:

@@ -13,7 +13,7 @@ import typer
 from stiction.cli.exit_codes import FAILED, ended, interrupted, say
 from stiction.cli.options import (Assemble, EndTime, EngineName, ExecutorName, Fidelity, Overrides, SceneName, Settings,
                                   TableFile, Timeout, Workers, about, distinct, listed, positive, scene_of, settings_of)
-from stiction.cli.pictures import Animation, Plot, check_pictures, write_pictures
+from stiction.cli.pictures import Animation, Plot, write_pictures
 from stiction.cli.prove import verified_set
 from stiction.cli.render import EVENTS_SHOWN, or_shown, progress, show, show_table, show_trajectory, write_table
 
@@ -44,7 +44,8 @@ def run(scene: SceneName, engine: EngineName = "reference", fidelity: Fidelity =
     from stiction.engines.command_run import run_as_asked
 
     loaded, chosen = scene_of(scene, overrides), settings_of(settings)
-    check_pictures(plot, animation, out)
+    distinct("--plot", plot, out)
+    distinct("--animate", animation, plot)
     if dt is not None and rtol is not None:
         raise typer.BadParameter(f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance",
                                  param_hint="--dt, --rtol")

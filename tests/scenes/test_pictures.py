@@ -191,7 +191,7 @@ class TestCommands:
         assert sorted(path.name for path in folder.iterdir()) == ["run.gif", "run.pdf", "scene.svg"]
 
     @pytest.mark.parametrize(("arguments", "told"), [
-        (["draw", CASE, "-o", "scene.toml"], "--out: found 'scene.toml'"), (["run", CASE, "--plot", "run.gif"], "--plot: found 'run.gif'"),
+        (["draw", CASE, "-o", "scene.toml"], "'-o': found 'scene.toml'"), (["run", CASE, "--plot", "run.gif"], "'--plot': found 'run.gif'"),
         (["run", CASE, "--animate", "run.png"], "--animate: found 'run.png'"), (["run", CASE, "--plot", "none/run.png"], "folder")])
     def test_bad_input_before_anything_runs(self, arguments, told, monkeypatch, folder):
         monkeypatch.setattr("stiction.engines.isolate", lambda *_, **__: pytest.fail("it was run"))

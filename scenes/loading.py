@@ -106,7 +106,7 @@ def scene_from_dict(raw: Mapping[str, Any], origin: str = "<scene>",
     try:
         scene = Scene.model_validate(tables, context=parameters)
     except ValidationError as error:
-        invalid = problems_of(error)
+        invalid = problems_of(error, Scene)
     wrong = chain(problems, invalid, _reference_problems(plain))
     if (first := next(wrong, None)) is not None:
         raise SceneError(origin, chain([first], wrong))

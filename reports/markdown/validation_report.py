@@ -92,8 +92,7 @@ def _truths(accuracy: pd.DataFrame) -> list[str]:
     """The truths that runs were compared with, the best tier first, and how well they are known."""
     columns = {"position uncertainty [m]": "position [m]", "velocity uncertainty [m/s]": "velocity [m/s]",
                "event time uncertainty [s]": "events [s]"}
-    there = [name for name in columns if name in accuracy]
-    if not there:
+    if not (there := [name for name in columns if name in accuracy]):
         return []
     compared = accuracy[accuracy["truth tier"] != NO_TRUTH]
     found = compared.groupby(["truth", "truth tier"], sort=False)[there].max().reset_index()

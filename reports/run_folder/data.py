@@ -50,10 +50,9 @@ def tables_of(results: Results) -> dict[str, pd.DataFrame]:
 
 def _variants(results: Results) -> pd.DataFrame:
     """A row per variant, as its runs state: friction law and who supplies it, stabilization, iterations, all else."""
-    named = ("friction_law", "stabilization", "iterations")
+    named, rows = ("friction_law", "stabilization", "iterations"), []
     runs = {record.variant.label: record for record in results.records}
     runs |= {record.variant.label: record for record in results.records if record.trajectory is not None}
-    rows = []
     for record in runs.values():
         variant, trajectory = record.variant, record.trajectory
         stated = variant.settings if trajectory is None else trajectory.settings

@@ -75,9 +75,7 @@ def resolve(run: StoredRun, key: str) -> Source:
         raise InputError(f"key: found {key!r}; expected a letter and rows, such as A12 or J16-30,45, or the name of a "
                          f"table, such as accuracy:12; letters of this run: {letters}")
     table, numbers = run.tables[name], list[int]()
-    for part in match[3].split(","):
-        ends, _, step = part.partition("/")
-        first, _, last = ends.partition("-")
+    for first, last, step in re.findall(r"(\d+)(?:-(\d+))?(?:/(\d+))?", match[3]):
         numbers += range(int(first), int(last or first) + 1, int(step or 1))
     if not numbers or min(numbers) < 1 or max(numbers) > len(table):
         raise InputError(f"key: found {key!r}; data/{name}.csv has rows 1 to {len(table)}")
@@ -93,9 +91,8 @@ def described(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:
     yield "data", source.place
     yield from (("file", file) for file in source.files)
     for name, values in source.rows.dropna(axis="columns", how="all").items():
-        texts = [str(value) for value in values]
-        if len(set(texts)) == 1:
-            texts = texts[:1]
+        texts = list(map(str, values))
+        texts = texts[:1] if len(set(texts)) == 1 else texts
         if name == "settings" and len(texts) == 1:
             yield from ((f"setting {key}", json.dumps(value, ensure_ascii=False))
                         for key, value in json.loads(texts[0]).items())

@@ -93,11 +93,9 @@ def _subject(study: Study, scenes: Sequence[str], overrides: Sequence[str], asse
     if study.takes_scene and study.needs_scene and not scenes:
         raise typer.BadParameter("found nothing; expected a scene of the catalogue (see `stiction scenes`) or a TOML "
                                  "file", param_hint="SCENE")
-    if not study.takes_scene:
-        for given, hint in ((" ".join(scenes), "SCENE"), (overrides or assemble, "--set, --assemble")):
-            if given:
-                raise typer.BadParameter(f"found {given!r}; `compare {study.name}` has scenes of its own",
-                                         param_hint=hint)
+    if not study.takes_scene and (given := " ".join(scenes) or overrides or assemble):
+        raise typer.BadParameter(f"found {given!r}; `compare {study.name}` has scenes of its own",
+                                 param_hint="SCENE" if scenes else "--set, --assemble")
     if len(scenes) > 1 and "scenes" not in study.takes:
         raise typer.BadParameter(f"found {' '.join(scenes)}; `compare {study.name}` takes one", param_hint="SCENE")
     found = tuple(with_consistent_start(scene_of(name, overrides), assemble) for name in scenes)

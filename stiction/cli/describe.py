@@ -28,14 +28,11 @@ def list_scenes(folder: Annotated[str, typer.Argument(
     from stiction.reference_impl.multibody.equation_summary import blocks
     from stiction.scenes import catalogue, load_scene
 
-    rows = []
-    names = catalogue(folder)
-    if not names:
+    if not (names := catalogue(folder)):
         raise typer.BadParameter(f"found {folder!r}; expected hard", param_hint="FOLDER")
-    for name in names:
-        scene = load_scene(name)
-        rows.append((name, scene.title, ", ".join(block.name for block in blocks(scene)[1:] if block.elements)))
-    show(("scene", "title", "effects"), rows)
+    show(("scene", "title", "effects"),
+         [(name, scene.title, ", ".join(block.name for block in blocks(scene)[1:] if block.elements))
+          for name, scene in zip(names, map(load_scene, names))])
 
 
 @commands.command("engines")
@@ -48,20 +45,11 @@ def list_engines(name: Annotated[str | None, typer.Argument(
     """List the engines: version or why it is missing, fidelities, friction law and who supplies it."""
     if try_it:
         _try(name or "", timeout)
-        return
-    if name is not None:
+    elif name is not None:
         _describe(name)
-        return
-    from stiction.engines import EngineMissing
-
-    rows = []
-    for name, engine in _installed():
-        if isinstance(engine, EngineMissing):
-            rows.append((name, engine.state, *[""] * 4, str(engine)))
-            continue
-        rows += [(name, engine.version, fidelity, mus, engine.capabilities.order, engine.capabilities.reactions, law)
-                 for fidelity, mus, law in fidelities_of(engine)]
-    show(("engine", "version", "fidelity", "mus", "order", "reactions from", "friction law (supplied by)"), rows)
+    else:
+        show(("engine", "version", "fidelity", "mus", "order", "reactions from", "friction law (supplied by)"),
+             [row for each, engine in _known() for row in _rows_of(each, engine)])
 
 
 @commands.command()
@@ -168,10 +156,20 @@ def table_of_defaults(engine: Engine) -> list[tuple[str, ...]]:
             *((key, *(as_given(known[key]) if key in known else "" for known in defaults.values())) for key in names)]
 
 
+def _rows_of(name: str, engine: Engine | EngineMissing) -> list[tuple[str, ...]]:
+    """A row per fidelity of an engine, or one that says why it is missing."""
+    from stiction.engines import EngineMissing
+
+    if isinstance(engine, EngineMissing):
+        return [(name, engine.state, *[""] * 4, str(engine))]
+    return [(name, engine.version, fidelity, mus, engine.capabilities.order, engine.capabilities.reactions, law)
+            for fidelity, mus, law in fidelities_of(engine)]
+
+
 def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
     from stiction.engines import EngineMissing
 
-    for name, engine in _installed():
+    for name, engine in _known():
         if isinstance(engine, EngineMissing):
             yield name, "", f"{engine.state}: {engine}"
             continue
@@ -183,7 +181,7 @@ def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
             yield name, fidelity, "yes" if reason is None else f"no: {reason}"
 
 
-def _installed() -> Iterator[tuple[str, Engine | EngineMissing]]:
+def _known() -> Iterator[tuple[str, Engine | EngineMissing]]:
     """All known engines, or why one cannot be had."""
     from stiction.engines import EngineMissing, engine_names, load_engine
 

@@ -96,15 +96,14 @@ def settings_of(given: Sequence[str]) -> dict[str, Any]:
 def check_written(path: Path, endings: Sequence[str] = (), option: str | None = None) -> None:
     """Refuse a file that cannot be written, or has none of these endings (if any), before it is computed."""
     wrong = ""
-    if endings and path.suffix.lower() not in endings:
-        wrong = f"expected a name that ends in {' or '.join(endings)}"
-    else:
-        try:
-            places = [place for place in (path, path.parent) if place.exists()]
-            if path.is_dir() or not path.parent.is_dir() or not all(os.access(place, os.W_OK) for place in places):
-                wrong = "expected a file in a folder that exists and can be written"
-        except OSError as error:  # a name too long
-            wrong = str(error.strerror)
+    try:
+        places = [place for place in (path, path.parent) if place.exists()]
+        if endings and path.suffix.lower() not in endings:
+            wrong = f"expected a name that ends in {' or '.join(endings)}"
+        elif path.is_dir() or not path.parent.is_dir() or not all(os.access(place, os.W_OK) for place in places):
+            wrong = "expected a file in a folder that exists and can be written"
+    except OSError as error:  # a name too long
+        wrong = str(error.strerror)
     if wrong:
         raise typer.BadParameter(f"found {str(path)!r}; {wrong}", param_hint=option)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -97,7 +97,7 @@ def _check(path: Path) -> None:
     print(f"{claims['scene']}: all {what} proven anew")
 
 
-def _proven_motion(scene: Scene, digits: int) -> Mapping[str, Any]:
+def _proven_motion(scene: Scene, digits: int) -> dict[str, Any]:
     """Claims of a motion; they are printed."""
     from stiction.comparisons.proof.motion import prove_scene
     from stiction.comparisons.proof.motion_certificate import motion_certificate
@@ -112,7 +112,7 @@ def _proven_motion(scene: Scene, digits: int) -> Mapping[str, Any]:
     return claims
 
 
-def _proven_threshold(scene: Scene, places: int) -> Mapping[str, Any]:
+def _proven_threshold(scene: Scene, places: int) -> dict[str, Any]:
     """Claims of a threshold; the theorem is printed."""
     from stiction.comparisons.proof.threshold import proven_threshold
     from stiction.comparisons.proof.threshold_certificate import threshold_certificate

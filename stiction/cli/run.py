@@ -146,8 +146,8 @@ def _show_sweep(result: Any, folder: Path) -> None:
     with rc():
         for drawing in sweep_drawings(result):
             save(drawing, folder, kinds=("png", "pdf"))
-    parts = {"map": result.map, "threshold": result.threshold}
-    tables = {part: table for part, table in parts.items() if table is not None}
+    tables = {part: table for part, table in (("map", result.map), ("threshold", result.threshold))
+              if table is not None}
     print(folder)
     columns = [(part, name, table[name]) for part, table in tables.items() for name in table.columns
                if "[" in name and not name.startswith("window")]
@@ -158,7 +158,7 @@ def _show_sweep(result: Any, folder: Path) -> None:
         failed = table[table["status"] != "ok"]
         for reason, points in (failed["status"] + ": " + failed["reason"]).value_counts()[:EVENTS_SHOWN].items():
             print(f"{part}: {points} points: {reason}")
-    if not any((table["status"] == "ok").any() for table in tables.values()):
+    if all((table["status"] != "ok").all() for table in tables.values()):
         raise ended(FAILED, "all points failed")
 
 
@@ -196,19 +196,17 @@ def replay(solver: Annotated[str, typer.Option(
 
             print(f"{export}: {write_folder(read_problems(problems), export)} problems")
         elif verify:
-            _show_replay(verified_set(solver, problems), out)
+            _show_set(verified_set(solver, problems), out)
         else:
             from stiction.comparisons.complementarity.replay import replay as run_set
 
             with progress(f"replay of {solver}") as bar:
                 table = run_set(solver, problems, timeout_s=timeout, workers=workers, on_start=bar.start,
                                 on_result=bar.result)
-            _show_replay(table, out)
-            failed = table[table["problems"] == 0]
-            if len(failed):
-                first = failed.iloc[0]
+            _show_set(table, out)
+            if len(failed := table[table["problems"] == 0]):
                 raise ended(FAILED, f"{len(failed)} of {len(table)} classes failed: "
-                                    f"{first['class']}: {first['reason']}")
+                                    f"{failed['class'].iloc[0]}: {failed['reason'].iloc[0]}")
 
 
 def _write_met(scene: Scene, path: Path) -> int | InputError:
@@ -222,7 +220,7 @@ def _write_met(scene: Scene, path: Path) -> int | InputError:
         return error
 
 
-def _show_replay(table: Any, out: Path | None) -> None:
+def _show_set(table: Any, out: Path | None) -> None:
     show_table(table)
     if out is not None:
         write_table(table, out)

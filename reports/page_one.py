@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from stiction.comparisons.methods import MISSING_ENGINE, grouped_methods
-from stiction.comparisons.presentation import Number, TracedText, count, listed, traced
+from stiction.comparisons.presentation import TracedText, count, listed, traced
 from stiction.comparisons.presentation.cells import MISSING
 from stiction.comparisons.recommendation import mechanism_in_words
 from stiction.comparisons.results import Results
@@ -91,14 +91,6 @@ def answer_lines(report: Report) -> Iterator[str]:
     yield from (f"{study.title}: {said.answer.text}" for study, said in report.said.items()
                 if study.title and said.answer)
     yield " ".join(filter(None, (runs_in_words(report.results).text, not_installed(report.results))))
-
-
-def numbers(report: Report) -> list[Number]:
-    """Every traced number of the page."""
-    cells = [part for methods in headline_table(report).groups.values() for row in methods.values() for part in row]
-    answers = [answer for _, answer in bullets(report)]
-    parts = [*filter(None, cells), *report.answer, *answers, runs_in_words(report.results)]
-    return [number for part in parts for number in part.numbers]
 
 
 def not_installed(results: Results) -> str:

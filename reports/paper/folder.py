@@ -42,12 +42,8 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double", auth
 
     ``figures/*.pdf``, ``tables/*.tex`` and ``*.csv``, ``methods.tex``, ``references.bib``, ``paper.tex`` with all of it
     and the captions, ``trace.csv``; ``paper.pdf`` with its source for Typst, ``paper.typ`` and ``paper.json``;
-    ``reproduce/`` and ``provenance.json`` of the run. FolderRefused if writing would lose something.
-
-    Parameters
-    ----------
-    column
-        Width of the figures, a name of `stiction.reports.figures.style.COLUMNS`.
+    ``reproduce/`` and ``provenance.json`` of the run. FolderRefused if writing would lose something. `column`: width of
+    the figures, a name of `stiction.reports.figures.style.COLUMNS`.
     """
     import typst
 

@@ -25,10 +25,7 @@ _WITHOUT_GUIDES = {r"\.[xy]": "position [m]", r"\.angle": "angle [rad]", r"\.eff
 def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Picture:
     """Draw a panel for each of `columns`, with a line for each run; of one run without columns, the usual quantities.
 
-    Raises
-    ------
-    KeyError
-        For a column that a run does not have.
+    KeyError for a column that a run does not have.
     """
     first, several = runs[0], len(runs) > 1
     for run, name in product(runs, columns):

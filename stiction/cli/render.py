@@ -18,16 +18,12 @@ if TYPE_CHECKING:
     from stiction.comparisons.results import Results
     from stiction.comparisons.studies.study import Study
     from stiction.reports.report import Report
-    from stiction.scenes import Scene, Trajectory
+    from stiction.scenes import Trajectory
 
 EVENTS_SHOWN = 20
-"""Lines of a list that may be long: events, reasons, components."""
+"""Lines of a list that may be long: reasons, components."""
 UNBROKEN = 18
 """Characters of a cell that stays on one line whatever the width, as numbers do, their uncertainty included."""
-DIGITS = 9
-"""Of the numbers of a run."""
-ROUNDING = 1e-13
-"""Of the largest value of a kind: what some hundred roundings of double precision come to."""
 _GAP = 3
 """Characters between two columns on a terminal."""
 
@@ -157,66 +153,23 @@ def show_truths(table: pd.DataFrame) -> None:
             print(f"truth, {tier}: {words}")
 
 
-def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
-    """Print end state, efforts, drift, events and cost."""
-    import numpy as np  # imported here: most of what is printed needs none of it
+def show_trajectory(trajectory: Trajectory) -> None:
+    """Print settings, end state, efforts, drift, events and cost."""
+    from stiction.scenes.run_summary import more_events, run_tables, run_title
 
-    moved = len(trajectory.t) > 1
-    times = f"t = 0 .. {trajectory.t[-1]:g} s" if moved else "no motion"
-    print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, {times}, "
-          f"{len(trajectory.t)} rows")
-    if not moved:
+    print(run_title(trajectory))
+    if len(trajectory.t) < 2:
         return
     show(("setting", "value"), [(key, str(value)) for key, value in trajectory.settings.items()])
-    state, digits = ("x", "y", "angle", "vx", "vy", "omega"), _above_noise(trajectory)
-    show(("end state [m, rad, s]", *state),
-         [(body, *(digits(f"{body}.{key}", trajectory[f"{body}.{key}"][-1]) for key in state))
-          for body in scene.bodies])
-    shown = [name for name in trajectory.columns
-             if name.rpartition(".")[2] in ("effort", "normal_force", "friction") or name.startswith("drift.")]
-    show(("over time", "smallest", "largest", "at the end"),
-         [(name, *("left open" if np.isnan(value) else digits(name, value) for value in (
-             np.fmin.reduce(trajectory[name]), np.fmax.reduce(trajectory[name]), trajectory[name][-1])))
-          for name in shown])
-    _show_events(trajectory, [f"{name}.effort" for name in scene.drives], digits)
+    for heads, rows in run_tables(trajectory):
+        show(heads, rows)
+    if more := more_events(trajectory):
+        print(more)
     cost = trajectory.cost
     times = (f"{cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, "
              f"{cost.stepping_s:.3g} s stepping, {cost.own_s:.3g} s of it in the engine itself")
     counts = ", ".join(f"{name} {count}" for name, count in cost.counters.items())
     print("CPU: " + "; ".join(filter(None, (times, counts))))
-
-
-def _show_events(trajectory: Trajectory, efforts: Sequence[str], digits: Callable[[str, float], str]) -> None:
-    """Print events with the jumps of efforts; those without values have none, nor has one an effort of another part."""
-    several = any(event.other_modes for event in trajectory.events)
-    show(("event [s]", "kind", "joint", *(f"jump of {name}" for name in efforts),
-          *(["other consistent modes"] * several)),
-         [(f"{event.time:.9f}", event.kind, event.joint,
-           *(digits(name, event.jump(name)) if name in event.before else "" for name in efforts),
-           *([str(event.other_modes)] * several)) for event in trajectory.events[:EVENTS_SHOWN]])
-    if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
-        print(f"... and {more} more events")
-
-
-def _above_noise(trajectory: Trajectory) -> Callable[[str, float], str]:
-    """Digits of a value of a column, or 0 where rounding, or drift that digits do not show, makes as much.
-
-    As in the norms of the drift, lengths and angles count together, and so do forces and moments.
-    """
-    import numpy as np
-
-    from stiction.scenes.columns import unit_of
-
-    same = {"rad": "m", "rad/s": "m/s", "N m": "N", "N m or N": "N"}
-    kinds = {name: same.get(unit := unit_of(name), unit) for name in trajectory.columns}
-    sizes = {name: np.nanmax(np.abs(values), initial=0.0) for name, values in trajectory.columns.items()}
-    drifts = {"m": "drift.position", "m/s": "drift.velocity"}
-    noise = {}
-    for kind in set(kinds.values()):
-        size = max((sizes[name] for name in kinds if kinds[name] == kind and name not in drifts.values()), default=0.0)
-        drift = sizes.get(drifts.get(kind, ""), 0.0)
-        noise[kind] = size * max(ROUNDING, min(drift / (size or 1.0), 10.0 ** -DIGITS))
-    return lambda name, value: "0" if abs(value) <= noise[kinds[name]] else f"{value:.{DIGITS}g}"
 
 
 def show_summary(report: Report) -> None:

@@ -57,9 +57,9 @@ def run(scene: SceneName, engine: EngineName = "reference", fidelity: Fidelity =
     given = engine, loaded, assemble, arguments | chosen
     trajectory: Trajectory = _in_child(title, run_as_asked, given, timeout, traceback)
     if out is None:
-        show_trajectory(trajectory, loaded)
+        show_trajectory(trajectory)
     else:
-        with or_shown(lambda: show_trajectory(trajectory, loaded)):
+        with or_shown(lambda: show_trajectory(trajectory)):
             write_table(trajectory.to_frame(events), out)
         print(out)
     write_pictures(trajectory, plot, animation)

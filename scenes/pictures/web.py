@@ -67,7 +67,9 @@ def compressed(data: bytes) -> str:
 def mechanism(scene: Scene, view: View) -> dict[str, Any]:
     """Return the drawing, ready for JSON, as ``drawMechanism`` of ``browser/player.js`` reads it."""
     digits = 5 - int(np.floor(np.log10(view.size)))
-    drawn = [_rounded({"kind": KINDS[type(part)], **asdict(part)}, digits) for part in parts(scene, view)]
+    text = json.dumps([{"kind": KINDS[type(part)], **asdict(part)} for part in parts(scene, view)],
+                      default=np.ndarray.tolist)
+    drawn = json.loads(text, parse_float=lambda number: round(float(number), digits))
     for part in drawn:
         if part["kind"] == "force":
             part["column"] = f"{part['guide']}.F{part['number']}"
@@ -122,14 +124,3 @@ def asset(name: str) -> str:
 def film_controls() -> str:
     """The drawing with its controls, as ``Film`` of ``browser/player.js`` takes it."""
     return asset("film.html").replace("\n", "")
-
-
-def _rounded(value: Any, digits: int) -> Any:
-    """Round all numbers of a structure; arrays become lists."""
-    if isinstance(value, np.ndarray):
-        return np.round(value, digits).tolist()
-    if isinstance(value, float):
-        return round(value, digits)
-    if isinstance(value, (list, tuple)):
-        return [_rounded(entry, digits) for entry in value]
-    return {name: _rounded(entry, digits) for name, entry in value.items()} if isinstance(value, dict) else value

@@ -22,8 +22,8 @@ class FolderMissing(InputError):
 
 
 def partial_name(path: Path) -> Path:
-    """Return the sibling that a file or folder is written to; one that a killed process has left may be deleted."""
-    return path.with_name(f".{path.name}.partial-{os.getpid()}")
+    """Return the sibling of the same ending that is written to; one that a killed process has left may be deleted."""
+    return path.with_name(f".{path.stem}.partial-{os.getpid()}{path.suffix}")
 
 
 @contextmanager

@@ -83,17 +83,6 @@ def _toml(value: Any) -> str:
     return f"[{', '.join(map(_toml, value))}]" if isinstance(value, tuple) else f"{value:g}"
 
 
-def arithmetic() -> str:
-    """The names that arithmetic knows."""
-    constants, functions = (", ".join(f"`{name}`" for name in names) for names in (CONSTANTS, FUNCTIONS))
-    return f"Constants: {constants}. Functions: {functions}.\n"
-
-
-def new_scene() -> str:
-    """The text that `stiction new` writes, but for the name of the schema."""
-    return f"```toml\n{new_scene_text()}```\n"
-
-
 def symbols() -> str:
     """The table of symbols of `stiction.reference_impl.paper`, which is in reStructuredText."""
     lines = inspect.getdoc(paper).splitlines()
@@ -102,19 +91,6 @@ def symbols() -> str:
     rows = [[line[start:end].strip() for start, end in zip(starts, [*starts[1:], None])]
             for line in lines[rules[0] + 1:rules[2]] if not line.startswith("=")]
     return _table([name or " " for name in rows[0]], [[f"`{row[0]}`", f"`{row[1]}`", *row[2:]] for row in rows[1:]])
-
-
-def columns() -> str:
-    """The columns of every trajectory."""
-    return _table(("column", "unit", "what", "of"), [
-        (f"`{entry.owner}.{entry.names[0]}`" + "".join(f" `.{name}`" for name in entry.names[1:]), entry.unit,
-         entry.meaning, entry.where) for entry in COLUMNS])
-
-
-def scenes() -> str:
-    """The catalogue."""
-    names = *catalogue(), *catalogue("hard")
-    return _table(("scene", "what"), [(f"`{name}`", load_scene(name).title) for name in names])
 
 
 def engine(name: str) -> str:
@@ -126,16 +102,6 @@ def engine(name: str) -> str:
     return (f"### {name}\n\nOrder {built.capabilities.order}, reactions from {built.capabilities.reactions}.\n\n"
             + _table(("fidelity", "friction law, and who supplies it", "mus"), fidelities)
             + f"\n{_text(type(built))}\n\n{settings}")
-
-
-def breakdowns() -> str:
-    """The reasons why a run of the reference may end early."""
-    return _table(("kind", "what it means"), dict.fromkeys((f"`{kind}`", words) for kind, words in BREAKDOWNS.values()))
-
-
-def command_line() -> str:
-    """Every command with its arguments and options."""
-    return "\n".join(_commands(typer.main.get_command(app), "stiction"))
 
 
 def _commands(command: Any, name: str) -> Iterator[str]:
@@ -156,12 +122,6 @@ def _commands(command: Any, name: str) -> Iterator[str]:
         rows.append((f"`{label}`", shown, parameter.help or ""))
     options = _table(("argument, option", "if not given", "what"), rows) if rows else ""
     yield f"### {name}\n\n{command.help}\n\n{options}"
-
-
-def python() -> str:
-    """The public names of `stiction`, their signatures and docstrings."""
-    names = sorted(stiction.__all__, key=lambda name: (name[0].isupper(), name))
-    return "\n".join(_documented(name, getattr(stiction, name)) for name in names)
 
 
 def _documented(name: str, thing: Any, level: str = "###") -> str:
@@ -203,22 +163,6 @@ def _text(thing: Any) -> str:
     return "\n".join(found)
 
 
-def night_history() -> str:
-    """The columns of the history, as its module states them."""
-    return f"```text\n{inspect.getdoc(history)}\n```\n"
-
-
-def program_declaration() -> str:
-    """A declaration of a program with every key."""
-    return f"```toml\n{cleandoc(declaration.__doc__.partition(chr(10))[2])}\n```\n"
-
-
-def placeholders() -> str:
-    """The words in braces that a command may have."""
-    return _table(("in an argument", "is replaced by"), [(f"`{{{name}}}`", words)
-                                                         for name, words in declaration.PLACEHOLDERS.items()])
-
-
 def laws(file: str) -> str:
     """The part of an example solver that reads the laws of time."""
     text = (Path(__file__).parent / "examples" / "solvers" / file).read_text(encoding="utf-8")
@@ -228,9 +172,25 @@ def laws(file: str) -> str:
 
 
 GENERATED: dict[str, Callable[..., str]] = {
-    function.__name__: function for function in (
-        scene_format, new_scene, arithmetic, symbols, columns, scenes, engine, breakdowns, command_line, python,
-        night_history, program_declaration, placeholders, laws)}
+    "scene_format": scene_format, "symbols": symbols, "engine": engine, "laws": laws,
+    "new_scene": lambda: f"```toml\n{new_scene_text()}```\n",
+    "arithmetic": lambda: "Constants: {}. Functions: {}.\n".format(
+        *(", ".join(f"`{name}`" for name in names) for names in (CONSTANTS, FUNCTIONS))),
+    "columns": lambda: _table(("column", "unit", "what", "of"), [
+        (f"`{entry.owner}.{entry.names[0]}`" + "".join(f" `.{name}`" for name in entry.names[1:]), entry.unit,
+         entry.meaning, entry.where) for entry in COLUMNS]),
+    "scenes": lambda: _table(("scene", "what"), [(f"`{name}`", load_scene(name).title)
+                                                 for name in (*catalogue(), *catalogue("hard"))]),
+    "breakdowns": lambda: _table(("kind", "what it means"), dict.fromkeys(
+        (f"`{kind}`", words) for kind, words in BREAKDOWNS.values())),
+    "command_line": lambda: "\n".join(_commands(typer.main.get_command(app), "stiction")),
+    "python": lambda: "\n".join(_documented(name, getattr(stiction, name)) for name in sorted(
+        stiction.__all__, key=lambda name: (name[0].isupper(), name))),
+    "night_history": lambda: f"```text\n{inspect.getdoc(history)}\n```\n",
+    "program_declaration": lambda: f"```toml\n{cleandoc(declaration.__doc__.partition(chr(10))[2])}\n```\n",
+    "placeholders": lambda: _table(("in an argument", "is replaced by"), [
+        (f"`{{{name}}}`", words) for name, words in declaration.PLACEHOLDERS.items()])}
+"""What a part consists of, by its name."""
 
 if __name__ == "__main__":
     write(Path(__file__).parent)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from stiction.comparisons.methods import MISSING_ENGINE, grouped_methods
-from stiction.comparisons.presentation import Number, TracedText, count, listed, traced
+from stiction.comparisons.presentation import TracedText, count, listed, traced
 from stiction.comparisons.presentation.cells import MISSING
 from stiction.comparisons.recommendation import mechanism_in_words
 from stiction.comparisons.results import Results
@@ -68,12 +68,7 @@ def bullets(report: Report) -> list[tuple[str, TracedText]]:
 def page_one(report: Report, picture: str, origin: str) -> str:
     """Write the page in Markdown, in lines of at most `WIDTH` characters.
 
-    Parameters
-    ----------
-    picture
-        Markdown of the mechanism's picture; none if empty.
-    origin
-        When and with what it was run, in a line.
+    `picture`: Markdown of the mechanism's picture; none if empty. `origin`: when and with what it was run, in a line.
     """
     results, table = report.results, headline_table(report)
     answer = [part.text for part in report.answer]
@@ -96,14 +91,6 @@ def answer_lines(report: Report) -> Iterator[str]:
     yield from (f"{study.title}: {said.answer.text}" for study, said in report.said.items()
                 if study.title and said.answer)
     yield " ".join(filter(None, (runs_in_words(report.results).text, not_installed(report.results))))
-
-
-def numbers(report: Report) -> list[Number]:
-    """Every traced number of the page."""
-    cells = [part for methods in headline_table(report).groups.values() for row in methods.values() for part in row]
-    answers = [answer for _, answer in bullets(report)]
-    parts = [*filter(None, cells), *report.answer, *answers, runs_in_words(report.results)]
-    return [number for part in parts for number in part.numbers]
 
 
 def not_installed(results: Results) -> str:

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, get_args
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
 from stiction.scenes.base_errors import InputError
 from stiction.scenes.laws import Law
-from stiction.scenes.model import Body, Drive, Joint, Load, Scene, Spring, Stabilization
+from stiction.scenes.model import Scene, Stabilization
 from stiction.scenes.wording import did_you_mean, names, shortened, shown
 
+_UNIONS = (Union, UnionType)
 _SHOWN = 20  # problems in one message: a screen
 _KEPT = 1000  # problems in one error: a hostile file may have a million
 
@@ -48,59 +50,66 @@ class SceneError(FileError):
     """A scene that cannot be used."""
 
 
-def problems_of(error: ValidationError) -> Iterator[Problem]:
-    """The errors of a validated scene in the terms of its file."""
-    for detail in error.errors(include_url=False):
-        yield from _problems(detail)
+def _tables(kind: Any) -> dict[str, type[BaseModel]]:
+    """The classes of a table by their tag, the value of the first key; by an empty one if it is one class."""
+    kind = _plain(kind)
+    members = get_args(kind) if get_origin(kind) in _UNIONS else (kind,)
+    if not all(isinstance(member, type) and issubclass(member, BaseModel) for member in members):
+        return {}
+    tags = [""] if len(members) == 1 else [
+        get_args(next(iter(member.model_fields.values())).annotation)[0] for member in members]
+    return dict(zip(tags, members))
 
 
-def _variants(union: Any, key: str) -> dict[str, type[BaseModel]]:
-    """The members of a tagged union by their tag."""
-    return {get_args(model.model_fields[key].annotation)[0]: model for model in get_args(get_args(union)[0])}
+def _plain(kind: Any) -> Any:
+    """A type without its metadata, and without None."""
+    if get_origin(kind) is Annotated:
+        return _plain(get_args(kind)[0])
+    members = [member for member in get_args(kind) if member is not NoneType] if get_origin(kind) in _UNIONS else []
+    return _plain(members[0]) if len(members) == 1 else kind
 
 
-LAWS = _variants(Law, "type")
-STABILIZATIONS = _variants(Stabilization, "method")
-ELEMENTS: dict[str, dict[str, type[BaseModel]]] = {
-    "bodies": {"": Body}, "joints": _variants(Joint, "type"), "drives": {"": Drive},
-    "springs": _variants(Spring, "type"), "forces": _variants(Load, "type")}
+LAWS, STABILIZATIONS = _tables(Law), _tables(Stabilization)
+ELEMENTS = {section: _tables(get_args(Scene.model_fields[section].annotation)[1])
+            for section in ("bodies", "joints", "drives", "springs", "forces")}
 """Section -> type -> class of its elements; bodies and drives have one class each."""
 
 
-def _variants_at(place: Sequence[str | int]) -> Mapping[str, type[BaseModel]]:
-    """The classes, by tag, that the table at a location of pydantic's can have."""
-    if not place:
-        return {"": Scene}
-    if len(place) > 3 and place[-2] == "law":  # deeper than an element that is named law
-        return LAWS
-    return STABILIZATIONS if place[0] == "stabilization" else ELEMENTS[str(place[0])]
+def _place(top: type[BaseModel], location: Sequence[str | int]) -> tuple[str, dict[str, type[BaseModel]], Any]:
+    """Key in a file of class `top`, pydantic's location without the tags of unions; classes of its table; its type."""
+    parts: list[str] = []
+    tables: dict[str, type[BaseModel]] = {"": top}
+    kind: Any = top
+    for part in location:
+        found = _tables(kind)
+        if len(found) > 1:  # the tag of a union
+            tables, kind = found, found[str(part)]
+            continue
+        if part == "[key]":
+            continue
+        parts.append(str(part))
+        if found:
+            [model] = found.values()
+            tables = tables if model in tables.values() else found
+            kind = model.model_fields[part].annotation if part in model.model_fields else None
+        else:
+            inside, of = get_args(kind := _plain(kind)), get_origin(kind)
+            kind = inside[of is dict] if of in (dict, tuple) else None  # the values of a mapping, the entries of a list
+    return shortened(".".join(parts)) or "file", tables, kind
 
 
-def _unknown(location: Sequence[str | int], key: str) -> str:
+def _unknown(top: type[BaseModel], location: Sequence[str | int]) -> str:
     """Word the problem of a key that its table does not have. The location includes the tags of unions."""
-    *place, last = location
-    variants = _variants_at(place)
-    if last in Scene.model_fields:
+    (*place, last), (key, tables, _) = location, _place(top, location)
+    if last in top.model_fields:
         return "unknown key: it belongs at the top of the file, above the first [table]"
-    known = (variants.get("") or variants[str(place[-1])]).model_fields
+    known = (tables.get("") or tables[str(place[-1])]).model_fields
     hint = did_you_mean(last, known) or f"; expected one of: {names(known)}"
-    if owners := [tag for tag, model in variants.items() if tag and last in model.model_fields]:
+    if owners := [tag for tag, model in tables.items() if tag and last in model.model_fields]:
         # a tag was changed, what belongs to the old one was not
         return (f"unknown key of {place[-1]!r}, one of {' and '.join(map(repr, owners))}{hint}; "
                 f"what a base has is removed by unset = [\"{key}\"] or --set {key}=")
     return f"unknown key{hint}"
-
-
-def _key(location: Sequence[str | int]) -> str:
-    """The key in the file: pydantic's location without the tags of unions."""
-    parts = list(location)
-    if parts[0] == "stabilization":
-        del parts[1:2]
-    elif parts[0] in ELEMENTS and "" not in ELEMENTS[parts[0]]:
-        del parts[2:3]
-    if parts[2:3] == ["law"]:
-        del parts[3:4]
-    return shortened(".".join(map(str, parts)))
 
 
 _EXPECTED = {"string_type": "expected text", "string_too_long": "expected at most 60 characters",
@@ -113,42 +122,25 @@ _EXPECTED = {"string_type": "expected text", "string_too_long": "expected at mos
              "literal_error": "expected {expected}"}
 
 
-def _problems(detail: Mapping[str, Any]) -> Iterator[Problem]:
-    kind, location, value, context = detail["type"], detail["loc"], detail["input"], detail.get("ctx", {})
-    key, found, last = _key(location), shown(value), location[-1]
-    if kind == "inconsistent":
-        for field, wrong, expected in context["found"]:
-            yield Problem(f"{key}.{field}", shown(wrong), expected)
-    elif last == "[key]":
-        yield Problem(_key(location[:-1]), f"the name {found}", _EXPECTED["string_pattern_mismatch"])
-    elif kind == "missing" and isinstance(last, int):
-        if last == len(value):  # one problem for a list that is short by several
-            yield Problem(_key(location[:-1]), found, "expected a list of 2")
-    elif kind == "extra_forbidden":
-        yield Problem(key, found, _unknown(location, key))
-    elif kind.startswith("union_tag"):
-        tag = context["discriminator"].strip("'")
-        tags = (LAWS if last == "law" and len(location) > 2 else
-                STABILIZATIONS if location[0] == "stabilization" else ELEMENTS[location[0]])
-        yield Problem(f"{key}.{tag}", shown(value.get(tag)),
-                      f"expected {' or '.join(map(repr, tags))}{did_you_mean(value.get(tag), tags)}")
-    else:
-        yield Problem(key, found_in(detail), expectation(detail))
-
-
-def problems_in_tables(error: ValidationError, top: type[BaseModel],
-                       tables: Mapping[str, type[BaseModel]]) -> Iterator[Problem]:
-    """Yield the problems of a validated file other than a scene: `top` has its keys, `tables` those of its tables."""
+def problems_of(error: ValidationError, top: type[BaseModel]) -> Iterator[Problem]:
+    """Yield the errors of a validated file in its terms; `top` is its class."""
     for detail in error.errors(include_url=False):
-        location, found = detail["loc"], shown(detail["input"])
-        key = shortened(".".join(str(part) for part in location if part != "[key]")) or "file"
-        if detail["type"] == "inconsistent":
-            for field, wrong, expected in detail["ctx"]["found"]:
+        kind, location, value, context = detail["type"], detail["loc"], detail["input"], detail.get("ctx", {})
+        (key, _, place), last = _place(top, location), location[-1] if location else ""
+        if kind == "inconsistent":
+            for field, wrong, expected in context["found"]:
                 yield Problem(f"{key}.{field}" if location else field, shown(wrong), expected)
-        elif detail["type"] == "extra_forbidden":
-            known = (tables.get(str(location[0]), top) if len(location) > 1 else top).model_fields
-            hint = did_you_mean(str(location[-1]), known) or f"; expected one of: {names(known)}"
-            yield Problem(key, found, f"unknown key{hint}")
+        elif last == "[key]":
+            yield Problem(key, f"the name {shown(value)}", _EXPECTED["string_pattern_mismatch"])
+        elif kind == "missing" and isinstance(last, int):
+            if last == len(value):  # one problem for a list that is short by several
+                yield Problem(key.rpartition(".")[0], shown(value), "expected a list of 2")
+        elif kind == "extra_forbidden":
+            yield Problem(key, shown(value), _unknown(top, location))
+        elif kind.startswith("union_tag"):
+            tag, tags = context["discriminator"].strip("'"), _tables(place)
+            yield Problem(f"{key}.{tag}", shown(value.get(tag)),
+                          f"expected {' or '.join(map(repr, tags))}{did_you_mean(value.get(tag), tags)}")
         else:
             yield Problem(key, found_in(detail), expectation(detail))
 

@@ -28,21 +28,10 @@ _UNARY: dict[type[ast.unaryop], Callable[[float], float]] = {ast.UAdd: operator.
 
 
 def evaluate(value: float | int | str, names: Mapping[str, float]) -> float:
-    """Value of a number or of an arithmetic expression.
+    """Value of a number or of an arithmetic expression in which parameters have `names`.
 
-    Parameters
-    ----------
-    value
-        A number, or a string such as ``"pi/4"``; ``deg(x)`` converts degrees to radians. Powers bind
-        as in mathematics: ``-2^2`` is -4, ``2^3^2`` is 2^9.
-    names
-        The scene's parameters.
-
-    Raises
-    ------
-    InputError
-        If the value is not a finite real number or the expression cannot be understood; the
-        message says what was expected and leaves it to the caller to show the value.
+    Powers bind as in mathematics: ``-2^2`` is -4, ``2^3^2`` is 2^9. InputError says what was expected of anything but
+    a finite real number; its caller shows the value.
     """
     if type(value) is float and math.isfinite(value):  # most are
         return value

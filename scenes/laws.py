@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal, overload
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -75,19 +75,14 @@ Law = Annotated[Constant | Linear | Sine | Table, Field(discriminator="type")]
 
 
 def law_kinks(law: Law, t_end: float) -> tuple[float, ...]:
-    """Times in (0, t_end) at which a law is not smooth, so that an integrator should stop there.
-
-    Of a table of straight lines the knots (the rate jumps); of a cubic table the knots too (the third
-    derivative jumps, which costs a method of high order its order). Other laws have none.
-    """
+    """Knots of a table in (0, t_end): its rate jumps there, or the third derivative that high orders need."""
     return tuple(time for time in law.times if 0 < time < t_end) if isinstance(law, Table) else ()
 
 
 def spline_slopes(times: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Second derivatives of the natural cubic spline at its knots, shape (n,).
 
-    The tridiagonal system of continuity of the first derivative with zero second
-    derivative at both ends (de Boor, A Practical Guide to Splines, ch. IV).
+    Its first derivative is continuous, its second zero at both ends (de Boor, A Practical Guide to Splines, ch. IV).
     """
     from scipy.linalg import solve_banded  # here: a scene without splines is read in half the time without it
 
@@ -100,17 +95,11 @@ def spline_slopes(times: np.ndarray, values: np.ndarray) -> np.ndarray:
     return second
 
 
-@overload
-def evaluate_law(law: Law, t: float) -> tuple[float, float, float]: ...
+def evaluate_law(law: Law, t: Any) -> tuple[Any, Any, Any]:
+    """Value, first and second derivative of a law at time t, s; of a linear table the derivative from the right.
 
-
-@overload
-def evaluate_law(law: Constant | Linear | Sine,
-                 t: np.ndarray) -> tuple[float | np.ndarray, float | np.ndarray, float | np.ndarray]: ...
-
-
-def evaluate_law(law: Law, t: Any) -> Any:
-    """Value, first and second derivative of a law at time t (of a linear table: from the right)."""
+    A law that is no table is evaluated at several times, too, shape (n,).
+    """
     if isinstance(law, Constant):
         return law.value, 0.0, 0.0
     if isinstance(law, Linear):

@@ -45,13 +45,7 @@ def _catalogue_files() -> dict[str, Path]:
 
 
 def scene_text(name: str) -> str:
-    """The text of a scene's file in the catalogue, comments included.
-
-    Raises
-    ------
-    SceneError
-        If the catalogue has no scene of this name.
-    """
+    """The text of a scene's file in the catalogue, comments included; SceneError if it has none of this name."""
     known = _catalogue_files()
     if name not in known:
         raise SceneError("catalogue", [Problem("scene", shown(name), _expected_scene(name, known))])
@@ -106,7 +100,7 @@ def scene_from_dict(raw: Mapping[str, Any], origin: str = "<scene>",
     try:
         scene = Scene.model_validate(tables, context=parameters)
     except ValidationError as error:
-        invalid = problems_of(error)
+        invalid = problems_of(error, Scene)
     wrong = chain(problems, invalid, _reference_problems(plain))
     if (first := next(wrong, None)) is not None:
         raise SceneError(origin, chain([first], wrong))
@@ -158,6 +152,8 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
         if _DEEP_KEY.search(_QUOTED.sub("s", text)):  # tomllib would take hours over a key of 100 000 parts
             raise RecursionError
         return _plain(tomllib.loads(text), origin)
+    except SceneError:
+        raise
     except OSError as error:
         found, expected = str(error.strerror), "expected a file that can be read"
     except UnicodeDecodeError as error:
@@ -168,8 +164,6 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
         found, expected = shortened(str(error), 160), "expected TOML (toml.io)"
         if not _QUOTED.sub("", text).isascii():  # outside of texts and comments there are keys and numbers only
             expected += ", in which names have no letters but a-z and A-Z"
-    except SceneError:
-        raise
     except ValueError:  # Python's, of tomllib's call of int()
         found, expected = "an integer of thousands of digits", "expected numbers below 1.8e308"
     raise SceneError(origin, [Problem("file", found, expected)])
@@ -239,10 +233,7 @@ def _parameters(table: Mapping[str, Any]) -> tuple[dict[str, float], list[Proble
 
 
 def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
-    """Names used twice, and references to bodies that do not exist or to one body twice.
-
-    Of the tables as they are in the file, whatever else may be wrong with them.
-    """
+    """Names used twice, and references to bodies that are not there or to one body twice, whatever else is wrong."""
     sections = {section: table for section in ELEMENTS if isinstance(table := raw.get(section), dict)}
     bodies = sections.get("bodies", {})
     known = names([*bodies, GROUND])
@@ -257,8 +248,7 @@ def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
             seen.setdefault(name, key)
             if not isinstance(element, dict):
                 continue
-            bodies_of = element.get("bodies")
-            pair: list[Any] = bodies_of if isinstance(bodies_of, list) else []
+            pair: list[Any] = found if isinstance(found := element.get("bodies"), list) else []
             for field, body in [*((field, element.get(field)) for field in ("slider", "guide", "body")),
                                 *((f"bodies.{i}", body) for i, body in enumerate(pair))]:
                 if body == GROUND and field in ("slider", "body"):

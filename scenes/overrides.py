@@ -14,14 +14,9 @@ _MISSING = object()
 
 
 def parse_override(text: str) -> tuple[str, Any]:
-    """Key and value of `KEY=VALUE`, as given on a command line.
+    """Key and value of `KEY=VALUE`, as given on a command line; SceneError for anything else.
 
     The value is a number, arithmetic, a word, or a TOML list or table; nothing after ``=`` removes the key.
-
-    Raises
-    ------
-    SceneError
-        If there is no key or no ``=``, or the list or table cannot be read.
     """
     key, equals, value = (part.strip() for part in text.partition("="))
     if not key or not equals:
@@ -44,18 +39,13 @@ def flattened(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def override(raw: dict[str, Any], key: str, value: Any) -> Problem | None:
-    """Put `value` at `key` of a scene's tables, or remove what is there if it is None.
+    """Put `value` at `key` of a scene's tables, or remove what is there if it is None; say why if there is no place.
 
-    `key` is a parameter, a path from the top of the file, a path from the name of an element (the word
-    ``law`` may be left out), or ends in the index of a list. Keys and list entries that the file leaves
-    to their default can be set as well; whether a key is one that the element has is for validation.
-
-    Returns
-    -------
-    Problem or None
-        Why there is no such place; None if done.
+    `key` is a parameter, a path from the top of the file or from the name of an element (the word ``law`` may be left
+    out), and may end in the index of a list. What the file leaves to its default can be set as well; whether the
+    element has such a key is for validation.
     """
-    parts = full_path(raw, key)
+    parts = _full_path(raw, key)
     if parts is None:
         return _unknown(raw, key)
     place: Any = raw
@@ -82,7 +72,7 @@ def override(raw: dict[str, Any], key: str, value: Any) -> Problem | None:
     return None
 
 
-def full_path(raw: Mapping[str, Any], key: str) -> list[str] | None:
+def _full_path(raw: Mapping[str, Any], key: str) -> list[str] | None:
     """The path from the top of the file that a short key means; None if it means nothing there."""
     parts = key.split(".")
     first = parts[0]

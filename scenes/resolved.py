@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from pydantic import StrictStr, ValidationError
 
-from stiction.scenes.errors import SceneError, problems_in_tables
+from stiction.scenes.errors import SceneError, problems_of
 from stiction.scenes.fields import Model
 from stiction.scenes.loading import scene_from_dict
 from stiction.scenes.model import Scene
@@ -60,7 +60,7 @@ def load_resolved(text: str, origin: str = "<resolved scene>") -> Scene:
     try:
         found = _Resolved.model_validate_json(text)
     except ValidationError as error:
-        raise SceneError(origin, problems_in_tables(error, _Resolved, {})) from None
+        raise SceneError(origin, problems_of(error, _Resolved)) from None
     return scene_from_dict(found.scene, origin, name=found.name)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from stiction.scenes.base_errors import InputError
 from stiction.scenes.wording import shortened
 
 if TYPE_CHECKING:
@@ -22,23 +23,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Event:
-    """An instant at which the contact mode changes.
+    """An instant, s, at which the contact mode of a joint, a guide, changes.
 
     Attributes
     ----------
-    time : float
-        Seconds.
     kind : str
-        ``"slip"`` (stick ends), ``"stick"`` (slip ends), ``"reversal"`` (slip changes its
-        direction), ``"corner"`` (a corner force passes zero and the other surface takes over).
-    joint : str
-        The guide concerned.
+        ``"slip"`` (stick ends), ``"stick"`` (slip ends), ``"reversal"`` (slip changes its direction), ``"corner"`` (a
+        corner force passes zero and the other surface takes over).
     before, after : Mapping[str, float]
         The two-sided values of the columns of the trajectory: all, or those of the joint's part of the scene where an
         engine integrates parts that do not act on each other separately.
     other_modes : int
-        Contact modes other than the chosen one that would have obeyed Coulomb's law with two coefficients: where
-        several guides are at rest, each of two may be the one that breaks away.
+        How many other modes would have obeyed Coulomb's law: of several guides at rest, any may break away.
     """
 
     time: float
@@ -66,17 +62,13 @@ def rows_of(columns: Mapping[str, np.ndarray]) -> list[dict[str, float]]:
 
 @dataclass(frozen=True)
 class Breakdown:
-    """Why a solver stopped before its time.
+    """Why a solver stopped before its time, s.
 
     Attributes
     ----------
     kind : str
-        In one or two words, the same for the same cause: ``"no solution"``, ``"several solutions"``, ``"sign cycle"``,
-        ..; `stiction.reference_impl.friction.outcomes` lists those of the reference.
-    time : float
-        Seconds.
-    reason : str
-        In full.
+        In one or two words, the same for the same cause, such as ``"no solution"``, ``"several solutions"``; `reason`
+        has it in full.
     guide : str
         The one whose friction comes closest to losing its solution, or whose signs cycle; empty if none.
     solutions : int, optional
@@ -194,17 +186,15 @@ class Trajectory:
         ------
         KeyError
             For a column that is not there.
-        ValueError
+        InputError
             For other runs without columns.
         """
-        from stiction.scenes.pictures.evolution import evolution, overlay
+        from stiction.scenes.pictures.evolution import evolution
 
-        others = tuple(against)
-        if not others:
-            return evolution(self, columns)
-        if not columns:
-            raise ValueError("columns: found none; expected those in which the runs are compared")
-        return overlay((self, *others), columns)
+        runs = (self, *against)
+        if len(runs) > 1 and not columns:
+            raise InputError("columns: found none; expected those in which the runs are compared")
+        return evolution(runs, columns)
 
     def save(self, file: str | Path) -> None:
         """Write all of it to a Parquet file, which `load` reads; nothing is rounded."""
@@ -232,7 +222,7 @@ class Trajectory:
 
         Raises
         ------
-        ValueError
+        InputError
             If the film cannot be written under this name, or if the mechanism is not known.
         """
         from pathlib import Path
@@ -240,7 +230,7 @@ class Trajectory:
         from stiction.scenes.pictures.animation import animate
 
         if self.mechanism is None:
-            raise ValueError("mechanism: found None; "
+            raise InputError("mechanism: found None; "
                              f"expected the trajectory of {self.scene} as Engine.simulate returns it")
         return animate(self.mechanism, self, Path(file))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,36 +18,19 @@ from stiction.scenes.trajectory import Breakdown, Cost, Event, Trajectory
 
 _KEY = b"stiction trajectory"
 _VERSION = 1
-_IN_TABLE = ("t", "columns")
 
 
 def save_trajectory(run: Trajectory, file: str | Path) -> None:
-    """Write a trajectory, its events, settings, cost and scene.
-
-    Raises
-    ------
-    TypeError
-        For a setting that JSON has no form for.
-    OSError
-        If the file cannot be written.
-    """
-    about = {each.name: getattr(run, each.name) for each in fields(run) if each.name not in (*_IN_TABLE, "mechanism")}
-    about |= {"version of the file": _VERSION, "events": [asdict(event) for event in run.events],
-              "cost": asdict(run.cost), "breakdown": run.breakdown and asdict(run.breakdown),
+    """Write a trajectory, its events, settings, cost and scene; TypeError for a setting that JSON has no form for."""
+    about = {name: value for name, value in vars(run).items() if name not in ("t", "columns", "mechanism")}
+    about |= {"version of the file": _VERSION,
               "mechanism": run.mechanism and [run.mechanism.name, tables_of(run.mechanism)]}
     table = pa.table({"t": run.t, **run.columns})
-    text = json.dumps(about, default=_plain)
-    pq.write_table(table.replace_schema_metadata({_KEY: text}), file)
+    pq.write_table(table.replace_schema_metadata({_KEY: json.dumps(about, default=_plain)}), file)
 
 
 def load_trajectory(file: str | Path) -> Trajectory:
-    """Read what `save_trajectory` wrote: the same numbers to the bit.
-
-    Raises
-    ------
-    InputError
-        For a file that is not there, or is no trajectory of this version.
-    """
+    """Read what `save_trajectory` wrote, the same numbers to the bit; InputError for any other file."""
     try:
         table = pq.read_table(file)
     except (OSError, pa.ArrowInvalid) as error:
@@ -57,17 +40,19 @@ def load_trajectory(file: str | Path) -> Trajectory:
         there = "no trajectory" if found is None else f"version {found}"
         raise InputError(f"{file}: found {there}; expected a file of Trajectory.save, version {_VERSION}")
     columns = {name: table[name].to_numpy() for name in table.column_names}
-    made: dict[str, Any] = {"events": tuple(Event(**event) for event in about.pop("events")),
-                            "cost": Cost(**about.pop("cost"))}
-    if breakdown := about.pop("breakdown"):
-        made["breakdown"] = Breakdown(**breakdown)
-    if mechanism := about.pop("mechanism"):
-        name, tables = mechanism
-        made["mechanism"] = scene_from_dict(tables, f"scene of {file}", name=name)
-    return Trajectory(t=columns.pop("t"), columns=columns, **about, **made)
+    about["events"] = tuple(Event(**event) for event in about["events"])
+    about["cost"] = Cost(**about["cost"])
+    if about["breakdown"]:
+        about["breakdown"] = Breakdown(**about["breakdown"])
+    if about["mechanism"]:
+        name, tables = about["mechanism"]
+        about["mechanism"] = scene_from_dict(tables, f"scene of {file}", name=name)
+    return Trajectory(t=columns.pop("t"), columns=columns, **about)
 
 
 def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        return vars(value)
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):

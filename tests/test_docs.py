@@ -199,7 +199,7 @@ def test_generated_parts_are_written(tmp_path):
     page = tmp_path / "page.md"
     page.write_text("# Above\n<!-- generated: arithmetic -->\nold\n<!-- end -->\n\nbelow\n")
     generated.write(tmp_path)
-    above, found, below = page.read_text().partition(generated.arithmetic())
+    above, found, below = page.read_text().partition(generated.GENERATED["arithmetic"]())
     assert found and "old" not in above + below and above.startswith("# Above\n") and below.endswith("below\n")
 
 

@@ -43,7 +43,7 @@ from stiction.comparisons.depth import Depth, Extent
 from stiction.comparisons.variants import PARAMETERS, Variant
 from stiction.engines.registry import EngineMissing, absolute_name, engine_names, is_file, label_of, load_engine
 from stiction.scenes import FileError, Scene, SceneError, catalogue, load_scene
-from stiction.scenes.errors import problems_in_tables
+from stiction.scenes.errors import problems_of
 from stiction.scenes.fields import Model, Positive
 from stiction.scenes.loading import read_toml
 from stiction.scenes.wording import did_you_mean, names
@@ -310,7 +310,7 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
     except SceneError as error:
         raise CampaignError(str(path), error.problems) from None
     except ValidationError as error:
-        problems = list(problems_in_tables(error, Campaign, _TABLES))
+        problems = list(problems_of(error, Campaign))
         of_scenes = scenes and all(problem.key.startswith("scenes.") for problem in problems)
         raise CampaignError(", ".join(scenes) if of_scenes else str(path), problems) from None
     campaign._name = path.stem
@@ -329,7 +329,3 @@ def _with_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
         return {**variant, "engine": absolute_name(str(folder / name))}
 
     return {**tables, "variants": {label: placed(variant) for label, variant in variants.items()}}
-
-
-_TABLES: dict[str, type[Model]] = {"variants": _Variant, "others": _Steps, "budget": _Budget, "check": _Check,
-                                   "depths": Extent}

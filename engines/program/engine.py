@@ -20,7 +20,7 @@ from stiction.engines.registry import EngineBroken, EngineMissing
 from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine, read_declaration
 from stiction.engines.shared.fixed_step import step_of
 from stiction.scenes import Cost, Event, Scene, Trajectory
-from stiction.scenes.errors import problems_in_tables
+from stiction.scenes.errors import problems_of
 from stiction.scenes.fields import Model
 from stiction.scenes.resolved import resolved_text
 from stiction.scenes.result_table import ResultTable, result_table
@@ -149,7 +149,7 @@ class ProgramEngine(DeclaredEngine):
         try:
             return _Report.model_validate_json(path.read_bytes()) if path.is_file() else _Report()
         except ValidationError as error:
-            wrong = next(problems_in_tables(error, _Report, {"events": _Event}))
+            wrong = next(problems_of(error, _Report))
             raise BadTrajectory(f"{self.name} returned events that cannot be used: {wrong}") from None
 
     def _events(self, report: _Report, table: ResultTable, columns: Mapping[str, np.ndarray],

@@ -14,7 +14,7 @@ from pydantic import StrictBool, StrictStr, ValidationError
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES
 from stiction.engines.protocol import BadTrajectory, Capabilities, Engine
 from stiction.scenes import Cost, Event, FileError, Scene, Trajectory
-from stiction.scenes.errors import problems_in_tables
+from stiction.scenes.errors import problems_of
 from stiction.scenes.fields import Model
 from stiction.scenes.loading import read_toml
 from stiction.scenes.result_table import ResultTable
@@ -125,8 +125,7 @@ def read_declaration(file: Path, model: type[Declaration]) -> Declaration:
     try:
         return model.model_validate(read_toml(file, str(file)))
     except ValidationError as found:
-        capabilities: Any = model.model_fields["capabilities"].annotation
-        raise FileError(str(file), problems_in_tables(found, model, {"capabilities": capabilities})) from None
+        raise FileError(str(file), problems_of(found, model)) from None
 
 
 def state_columns(scene: Scene) -> list[str]:

@@ -54,13 +54,7 @@ def _looks_used(figure: Figure) -> list[str]:
 
 @singledispatch
 def draw(figure: Figure, looks: Mapping[str, Look]) -> Drawing:
-    """Draw a figure of a kind that this renderer knows.
-
-    Raises
-    ------
-    TypeError
-        For another kind.
-    """
+    """Draw a figure of a kind that this renderer knows; TypeError for another kind."""
     raise TypeError(f"found a {type(figure).__name__}; expected Chart, HeatMap or MechanismPicture")
 
 
@@ -145,24 +139,19 @@ def _(heat: HeatMap, looks: Mapping[str, Look]) -> Drawing:
                 ax.text(x, y, sign, fontsize=6, va="center", ha="center", color=_contrast(color))
     for color, paths in squares.items():  # one shape for all squares of a colour: a twentieth of the bytes
         ax.add_patch(PathPatch(Path.make_compound_path(*paths), color=color, linewidth=0))
-    _name_rows_and_columns(ax, lines, heat.columns, turned)
+    ax.set(xlim=(-0.5, len(heat.columns) - 0.5), ylim=(len(lines) - 0.5, -0.5))
+    rows = {y: text for y, (text, row) in enumerate(lines) if row is not None}
+    ax.set_yticks(list(rows), list(rows.values()), fontsize=6)
+    ax.set_xticks(range(len(heat.columns)), heat.columns, rotation=turned, ha="left",
+                  va="center" if narrow() else "baseline", rotation_mode="anchor", fontsize=6.5)
+    ax.xaxis.tick_top()
+    ax.tick_params(length=0, which="both")
+    ax.spines[:].set_visible(False)
     there = {category for row in heat.cells for category in row}
     handles = {f"{sign}  {category}": Patch(color=color) for category, (sign, color) in heat.categories.items()
                if category in there}
     legend(figure, handles, columns=6)
     return Drawing(heat.name, heat.caption, figure)
-
-
-def _name_rows_and_columns(ax: Axes, lines: Sequence[tuple[str, int | None]], columns: Sequence[str],
-                           turned: float) -> None:
-    ax.set(xlim=(-0.5, len(columns) - 0.5), ylim=(len(lines) - 0.5, -0.5))
-    rows = {y: text for y, (text, row) in enumerate(lines) if row is not None}
-    ax.set_yticks(list(rows), list(rows.values()), fontsize=6)
-    ax.set_xticks(range(len(columns)), columns, rotation=turned, ha="left", va="center" if narrow() else "baseline",
-                  rotation_mode="anchor", fontsize=6.5)
-    ax.xaxis.tick_top()
-    ax.tick_params(length=0, which="both")
-    ax.spines[:].set_visible(False)
 
 
 def _contrast(color: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import matplotlib
 import pandas as pd
@@ -23,12 +23,11 @@ UNITS = {AMPLITUDE: "N", "amplitude": "N", "frequency": "rad/s", "phase": "rad",
 
 def sweep_drawings(sweep: Sweep) -> Iterator[Drawing]:
     """A drawing per measure of a sweep over one axis or two; none for other sweeps. Draw under `style.rc()`."""
-    specification, drawn = sweep.specification, {1: _curve, 2: _map}
-    if sweep.map is not None and len(specification.axes) in drawn:
-        for measure in specification.run_measures:
-            yield drawn[len(specification.axes)](sweep, sweep.map, measure.column, measure.name)
-    if sweep.threshold is not None and len(specification.grid("threshold")) in drawn:
-        yield drawn[len(specification.grid("threshold"))](sweep, sweep.threshold, "threshold [N]", "threshold")
+    measured = [(sweep.map, measure.column, measure.name) for measure in sweep.specification.run_measures]
+    for table, column, name in (*measured, (sweep.threshold, "threshold [N]", "threshold")):
+        axes = [] if table is None else [axis.key for axis in sweep.specification.axes if axis.key in table]
+        if len(axes) in (1, 2):
+            yield (_curve if len(axes) == 1 else _map)(sweep, table, axes, column, name)
 
 
 def _caption(sweep: Sweep, table: pd.DataFrame, name: str, runs: str) -> str:
@@ -43,8 +42,8 @@ def _caption(sweep: Sweep, table: pd.DataFrame, name: str, runs: str) -> str:
     return caption + (f"; points without a number: {', '.join(missing)}" if missing else "")
 
 
-def _curve(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawing:
-    [key] = [axis.key for axis in sweep.specification.axes if axis.key in table]
+def _curve(sweep: Sweep, table: pd.DataFrame, axes: Sequence[str], column: str, name: str) -> Drawing:
+    [key] = axes
     points = table.sort_values(key)
     figure, [[ax]] = panels(1, 1, 2.8)
     ax.plot(points[key], points[column], "o-", color=COLORS[0], markersize=3, linewidth=1.0)
@@ -52,9 +51,8 @@ def _curve(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawing
     return Drawing(f"curve-{name}", _caption(sweep, table, name, str(len(points))) + ".", figure)
 
 
-def _map(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawing:
-    specification, scene = sweep.specification, sweep.specification.scene
-    across, up = [axis.key for axis in specification.axes if axis.key in table]
+def _map(sweep: Sweep, table: pd.DataFrame, axes: Sequence[str], column: str, name: str) -> Drawing:
+    across, up = axes
     grid = table.pivot(index=up, columns=across, values=column)
     figure, [[ax]] = panels(1, 1, 4.2)
     ax.set_facecolor(MISSING)
@@ -73,7 +71,7 @@ def _map(sweep: Sweep, table: pd.DataFrame, column: str, name: str) -> Drawing:
                 path_effects=[patheffects.withStroke(linewidth=2.8, foreground="white")])
         figure.legend(loc="outside upper right")
         caption += f"; line: largest {AMPLITUDE} with a stick phase, where the range shown contains it"
-    ax.set(xlabel=_label(scene, across), ylabel=_label(scene, up))
+    ax.set(xlabel=_label(sweep.specification.scene, across), ylabel=_label(sweep.specification.scene, up))
     return Drawing(f"map-{name}", caption + ".", figure)
 
 

@@ -17,7 +17,6 @@ from matplotlib import style
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
@@ -25,7 +24,7 @@ from stiction.child_processes import child_context
 from stiction.comparisons.atomic_files import whole_file
 from stiction.comparisons.results import Results
 from stiction.scenes import InputError
-from stiction.scenes.pictures.picture import content
+from stiction.scenes.pictures.picture import RC, Picture, write_figure
 
 COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}
 """Widths of figures, inches: one column (84 mm) and both (174 mm) of a journal page; type is printed in its size."""
@@ -50,19 +49,10 @@ FILLS = {"joint": ("full", "left"), "contact": ("none", "top")}
 """Fills of markers, by fidelity: the second where the first has been used with all `MARKERS`."""
 
 _RC = {
-    "font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "mathtext.fontset": "dejavusans", "font.size": 8,
-    "axes.titlesize": 8, "axes.labelsize": 8, "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7,
-    "axes.linewidth": 0.6, "xtick.direction": "in", "ytick.direction": "in", "xtick.top": True, "ytick.right": True,
+    **RC, "axes.titlesize": 8, "xtick.top": True, "ytick.right": True, "legend.handlelength": 2.2,
     "xtick.major.width": 0.6, "ytick.major.width": 0.6, "xtick.major.size": 3, "ytick.major.size": 3,
-    "xtick.minor.size": 1.5, "ytick.minor.size": 1.5, "legend.frameon": False, "legend.handlelength": 2.2,
-    "axes.formatter.useoffset": False, "axes.formatter.limits": (-3, 4), "axes.formatter.use_mathtext": True,
-    "pdf.fonttype": 42,  # TrueType, so that a publisher's tools can read and search the text
-    "svg.fonttype": "none", "svg.hashsalt": "stiction",  # text as text; the same bytes for the same data
-}
-_UNDATED: dict[str, dict[str, Any]] = {
-    "png": {"dpi": DPI, "metadata": {"Software": None}}, "pdf": {"metadata": {"CreationDate": None}},
-    "svg": {"metadata": {"Date": None}}}
-"""Options of `content` with which the same data give the same bytes."""
+    "xtick.minor.size": 1.5, "ytick.minor.size": 1.5, "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-3, 4), "axes.formatter.use_mathtext": True, "svg.fonttype": "none"}  # text as text
 
 
 @dataclass(frozen=True)
@@ -111,17 +101,8 @@ def narrow() -> bool:
 def looks_of(variants: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
     """Choose the look of each variant: colour by engine, dashes within a colour, fill by fidelity, marker in turn.
 
-    No two have the same colour with the same dashes, nor the same marker with the same fill.
-
-    Parameters
-    ----------
-    variants
-        Engine and fidelity, by label.
-
-    Raises
-    ------
-    InputError
-        For more variants than can be distinguished.
+    No two have the same colour with the same dashes, nor the same marker with the same fill. `variants` has engine and
+    fidelity by label; InputError for more than can be distinguished.
     """
     engines = list(dict.fromkeys(engine for engine, _ in variants.values()))
     dashed, marked, found = Counter[str](), Counter[str](), dict[str, Look]()
@@ -150,8 +131,7 @@ def variants_of(results: Results) -> dict[str, tuple[str, str]]:
 
 def panels(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Any]:
     """Make a figure of `width` and its axes, shape (rows, columns)."""
-    figure = Figure(figsize=(width(), height), dpi=DPI, layout="constrained")  # hinted text is as wide as in the file
-    FigureCanvasAgg(figure)
+    figure = Picture(height, width(), DPI)  # hinted text is as wide as in the file
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
@@ -209,11 +189,5 @@ def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable
         drawing.figure.draw_without_rendering()
         drawing.figure.set_layout_engine(None)  # positions are found; finding them again for each file doubles the time
         for kind in kinds:
-            write_figure(drawing, folder / f"{drawing.name}.{kind}")
-
-
-def write_figure(drawing: Drawing, path: Path) -> None:
-    """Write one figure to a file of any name; the ending says as what."""
-    kind = path.suffix.lower().removeprefix(".")
-    with whole_file(path) as partial_file:
-        partial_file.write_bytes(content(drawing.figure, kind, **_UNDATED[kind]))
+            with whole_file(folder / f"{drawing.name}.{kind}") as file:
+                write_figure(drawing.figure, file)

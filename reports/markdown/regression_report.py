@@ -58,12 +58,16 @@ def night_report(result: Result) -> str:
 
 
 def changes(findings: Sequence[Finding]) -> str:
-    """Write the findings as a table, worst first; what is merely new is counted."""
-    groups = grouped_findings(findings)
+    """Write the worst finding of each quantity of a variant, worst first, in a table; what is merely new is counted."""
+    groups: dict[tuple[str, ...], list[Finding]] = {}
+    for finding in findings:
+        if finding.severity != NEW:
+            variant = finding.key.partition("/")[2].rpartition("/")[0]
+            groups.setdefault((finding.severity, finding.kind, finding.metric, variant), []).append(finding)
     rows = [{"": worst.severity, "what": worst.metric or worst.kind, "worst run": worst.key,
              "baseline": _value(worst, worst.before), "now": _value(worst, worst.now), "why": worst.reason,
-             "runs": count}
-            for worst, count in groups[:SHOWN]]
+             "runs": 1 + len(others)}
+            for worst, *others in list(groups.values())[:SHOWN]]
     lines = [markdown(pd.DataFrame(rows)) if rows else "Nothing changed beyond noise."]
     if len(groups) > SHOWN:
         lines.append(f"and {len(groups) - SHOWN} more lines, none worse than these.")
@@ -72,16 +76,6 @@ def changes(findings: Sequence[Finding]) -> str:
     if any(finding.severity == BETTER for finding in findings):
         lines.append(f"What has become better is no failure; {_UPDATE} makes it what is expected from now on.")
     return "\n\n".join(lines)
-
-
-def grouped_findings(findings: Sequence[Finding]) -> list[tuple[Finding, int]]:
-    """Return the worst finding of each quantity of a variant, and the number of its runs; new ones are left out."""
-    groups: dict[tuple[str, ...], list[Finding]] = {}
-    for finding in findings:
-        if finding.severity != NEW:
-            variant = finding.key.partition("/")[2].rpartition("/")[0]
-            groups.setdefault((finding.severity, finding.kind, finding.metric, variant), []).append(finding)
-    return [(group[0], len(group)) for group in groups.values()]
 
 
 def summary(result: Result, exit_code: int) -> dict[str, Any]:

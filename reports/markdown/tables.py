@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from functools import partial
 from itertools import product
 
 import pandas as pd
@@ -42,14 +41,10 @@ def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence
 def fitted(table: pd.DataFrame) -> str:
     """Write the first rows in lines of at most `WIDTH`: words are cut, columns left out from the right are named."""
     for count, most in product(range(table.shape[1], -1, -1), LONGEST):
-        text = markdown(table.iloc[:ROWS, :count].map(partial(_cut, most)))
+        text = markdown(table.iloc[:ROWS, :count].map(
+            lambda value: textwrap.shorten(value, most, placeholder="..")
+            if isinstance(value, str) and len(value) > most else value))
         if max(map(len, text.splitlines())) <= WIDTH:
             break
     left_out = ", ".join(f"*{name}*" for name in table.columns[count:])
     return text + (f"\n\nNot shown for want of room, but in the data: {left_out}." if left_out else "")
-
-
-def _cut(most: int, value: object) -> object:
-    if isinstance(value, str) and len(value) > most:
-        return textwrap.shorten(value, most, placeholder="..")
-    return value

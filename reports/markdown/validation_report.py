@@ -44,21 +44,10 @@ TERMS = f"""\
 
 
 def write_report(report: Report, folder: str | Path) -> Path:
-    """Write the run folder of a validation.
+    """Write the run folder of a validation, complete or not at all, and return the path of its ``report.md``.
 
-    ``report.md``, page one first; ``failures.md``; ``data/`` (see `stiction.reports.run_folder.data`); ``figures/``;
-    ``reproduce/`` (see `stiction.reports.run_folder.reproduce`); ``provenance.json``. The folder appears complete or
-    not at all. A previous report is replaced if nothing was added to it; anything else is refused.
-
-    Returns
-    -------
-    Path
-        That of ``report.md``.
-
-    Raises
-    ------
-    FolderRefused
-        If writing would lose something; `check_folder` finds out beforehand.
+    The other parts: ``failures.md``, ``data/``, ``figures/``, ``reproduce/``, ``provenance.json``. FolderRefused if
+    writing would lose something; `check_folder` finds out beforehand.
     """
     results = report.results
     with run_folder(folder, REPORT) as partial:
@@ -103,8 +92,7 @@ def _truths(accuracy: pd.DataFrame) -> list[str]:
     """The truths that runs were compared with, the best tier first, and how well they are known."""
     columns = {"position uncertainty [m]": "position [m]", "velocity uncertainty [m/s]": "velocity [m/s]",
                "event time uncertainty [s]": "events [s]"}
-    there = [name for name in columns if name in accuracy]
-    if not there:
+    if not (there := [name for name in columns if name in accuracy]):
         return []
     compared = accuracy[accuracy["truth tier"] != NO_TRUTH]
     found = compared.groupby(["truth", "truth tier"], sort=False)[there].max().reset_index()

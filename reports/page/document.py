@@ -54,10 +54,9 @@ def chart(name: str, selects: Sequence[str], views: Sequence[View], hint: str) -
     controls = [f'<label>{escape(words)} <select class="{kind}"></select></label>' for words, kind in kinds]
     controls += [f'<button type="button" class="{kind}" aria-label="{words}">{sign}</button>' for kind, words, sign in
                  (("closer", "Zoom in", "+"), ("wider", "Zoom out", "−"), ("reset", "Reset zoom", "Reset zoom"))]
-    shape, data = " with-film" if film else "" if modes else " tall", []
-    for view in views:
-        text = json.dumps({**view.content, "block": view.columns.packed()}, ensure_ascii=False).replace("</", "<\\/")
-        data.append(f'<script type="application/json" data-labels="{escape(json.dumps(view.labels))}">{text}</script>')
+    shape = " with-film" if film else "" if modes else " tall"
+    data = [web.data(f'data-labels="{escape(json.dumps(view.labels))}"',
+                     {**view.content, "block": view.columns.packed()}) for view in views]
     return (f'<div class="board" id="{name}" tabindex="0" role="group" '
             f'aria-label="{escape(name.replace("-", " "))}, interactive">'
             f'<div class="controls">{"".join(controls)}</div>\n<p class="quiet">{escape(hint)}</p>\n'

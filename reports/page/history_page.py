@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -27,13 +26,7 @@ MOST_FAILED = 200
 
 
 def write_history_page(history: Path, file: Path) -> None:
-    """Write the page of a history; the same history gives the same bytes.
-
-    Raises
-    ------
-    HistoryRefused
-        If `history` is none.
-    """
+    """Write the page of a history; the same history gives the same bytes. HistoryRefused if `history` is none."""
     with open_history(history, write=False):
         pass  # it is one, of this format
     with closing(sqlite3.connect(f"{history.absolute().as_uri()}?mode=ro", uri=True)) as connection:
@@ -43,12 +36,17 @@ def write_history_page(history: Path, file: Path) -> None:
     rows["failed"] = (rows["status"] != "ok") | (rows["reason"] != "")
     runs = rows.drop_duplicates(["night", "key"])
     sections = {}
-    if rows["value"].notna().any():
+    known = rows[rows["value"].notna()]
+    if len(known):
+        commits = rows.dropna(subset="commit_hash").drop_duplicates("night").set_index("night")["commit_hash"]
+        notes = [f"commit {commit}" for commit in commits.reindex(nights["night"]).fillna("–")]
+        views = [_view(tuple(map(str, labels)), part, list(nights["night"]), notes)
+                 for labels, part in known.groupby(["metric", "scene"], sort=False)]
         sections["Course over the nights"] = [
             paragraph("One line per variant and step size or tolerance. Errors, drift and times are drawn in "
                       "logarithms where all are > 0; a gap is a night in which the run failed. Times of different "
                       "machines are different lines."),
-            chart("course", ("Metric", "Scene"), list(_views(rows, list(nights["night"]))), HINT)]
+            chart("course", ("Metric", "Scene"), views, HINT)]
     made, shown = runs.groupby("night")["failed"], nights.fillna("–").iloc[::-1]
     counts = {"runs": made.size(), "whole": made.size() - made.sum()}
     for name, count in counts.items():
@@ -64,16 +62,8 @@ def write_history_page(history: Path, file: Path) -> None:
     write_text(file, document("History of the nights", subtitle, sections))
 
 
-def _views(rows: pd.DataFrame, nights: list[str]) -> Iterator[View]:
-    """One per metric and scene that has any number."""
-    known = rows[rows["value"].notna()]
-    commits = rows.dropna(subset="commit_hash").drop_duplicates("night").set_index("night")["commit_hash"]
-    notes = [f"commit {commit}" for commit in commits.reindex(nights).fillna("–")]
-    for labels, part in known.groupby(["metric", "scene"], sort=False):
-        yield _view(tuple(map(str, labels)), part, nights, notes)
-
-
 def _view(labels: tuple[str, ...], rows: pd.DataFrame, nights: list[str], notes: list[str]) -> View:
+    """The course of a metric on a scene."""
     block, series, ends = Columns(), [], []
     timed = (rows["kind"] == "time").all()
     logarithmic = bool((rows["value"] > 0).all()) and rows["kind"].iloc[0] in ("accuracy", "drift", "time")

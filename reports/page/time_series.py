@@ -20,7 +20,8 @@ from stiction.reports.run_folder.data import truth_frame
 from stiction.scenes import Scene, load_scene
 from stiction.scenes.columns import unit_of
 from stiction.scenes.pictures.geometry import poses_at, view_of
-from stiction.scenes.pictures.web import LONG, Columns, force_columns, load_signs, mechanism, pose_columns
+from stiction.scenes.pictures.web import (LONG, Columns, force_columns, largest_force, load_signs, mechanism,
+                                          pose_columns)
 
 SAMPLE = 0.02
 """s; samples shown, besides both sides of every event and what lines between them would leave out."""
@@ -97,19 +98,17 @@ def _view(scene: Scene, truth: Truth | None, curves: Sequence[Curve], panels: Ma
             grids[t.tobytes()] = block.add(t, LONG)
         return grids[t.tobytes()]
 
+    compared = {curve: difference(curve, list(panels)) for curve in curves}
     for curve in curves:
-        frame = decimated(curve.frame, ranges)
-        at, places = times(frame["t"].to_numpy()), {}
-        for column, shown in ranges.items():
-            if column in frame:
-                values = _clipped(frame[column].to_numpy(), shown)
-                places[column] = block.add(values, step=RESOLUTION * (shown[1] - shown[0]))
-        differences = difference(curve, list(panels))
-        compared = None if differences.empty else times(differences["t"].to_numpy())
+        frame, differences = decimated(curve.frame, ranges), compared[curve]
+        at = times(frame["t"].to_numpy())
+        places = {column: block.add(_clipped(frame[column].to_numpy(), shown), step=RESOLUTION * (shown[1] - shown[0]))
+                  for column, shown in ranges.items() if column in frame}
+        instants = None if differences.empty else times(differences["t"].to_numpy())
         sizes = {column: block.add(differences[column], step=DECADE) for column in panels if column in differences}
         dashes = [] if curve.look.dashes == "-" else [DASH * length for length in curve.look.dashes[1]]
         series.append({"name": curve.label, "color": "ink" if curve.look.color == "#000000" else curve.look.color,
-                       "dash": dashes, "marker": False, "shown": curve.shown, "x": [at, compared],
+                       "dash": dashes, "marker": False, "shown": curve.shown, "x": [at, instants],
                        "y": [[places.get(column) for column in panels], [sizes.get(column) for column in panels]]})
         if curve in drawn:
             own = {column: places[column] if column in places and _whole(frame[column], ranges[column])
@@ -120,7 +119,7 @@ def _view(scene: Scene, truth: Truth | None, curves: Sequence[Curve], panels: Ma
                 signs = load_signs(scene, frame["t"].to_numpy())
                 common[at] = {load: block.add(sign) for load, sign in signs.items()}
     end = max(float(curve.frame["t"].iloc[-1]) for curve in curves)
-    logarithms = _range_of_differences(curves, list(panels))
+    logarithms = _range_of_differences([compared[curve] for curve in curves if curve.shown], list(panels))
     shown_as = [{"label": words, "log": False, "range": ranges[column]} for column, words in panels.items()]
     errors = [{"label": f"|difference| of {words}", "log": True, "range": logarithms[column]}
               for column, words in panels.items()]
@@ -128,18 +127,13 @@ def _view(scene: Scene, truth: Truth | None, curves: Sequence[Curve], panels: Ma
                "shades": stick_phases(truth),
                "modes": [{"name": "values", "digits": 3, "panels": shown_as},
                          {"name": "differences from the truth", "digits": 2, "panels": errors}]}
-    if drawn:
-        content["film"] = {**_film(scene, drawn[0].frame), "runs": runs, "common": common}
+    if drawn:  # in a view of all of the motion of the first
+        columns = {column: drawn[0].frame[column].to_numpy() for column in drawn[0].frame}
+        rows = range(0, len(drawn[0].frame), max(1, len(drawn[0].frame) // 200))
+        seen = view_of(scene, [poses_at(scene, columns, row) for row in rows])
+        content["film"] = {"mechanism": mechanism(scene, seen), "largest": largest_force(scene, columns), "runs": runs,
+                           "common": common}
     return View((scene.name,), content, block)
-
-
-def _film(scene: Scene, frame: pd.DataFrame) -> dict[str, Any]:
-    """The mechanism, in a view of all of the motion of a frame, whose largest corner force is the longest arrow."""
-    columns = {column: frame[column].to_numpy() for column in frame if column != "tier"}
-    seen = view_of(scene, [poses_at(scene, columns, row) for row in range(0, len(frame), max(1, len(frame) // 200))])
-    forces = [columns[column] for column in force_columns(scene) if column in columns]
-    largest = max((float(np.nanmax(force, initial=0.0)) for force in forces), default=0.0)
-    return {"mechanism": mechanism(scene, seen), "largest": largest or 1.0}
 
 
 def _range(column: str, curves: Sequence[Curve]) -> list[float]:
@@ -189,10 +183,7 @@ def _one_per(step: float, t: np.ndarray) -> np.ndarray:
 
 
 def difference(curve: Curve, columns: Sequence[str]) -> pd.DataFrame:
-    """Return ``t`` and logarithms (base 10) of sizes of differences from the truth, one per `APART`.
-
-    Without a truth there are no rows.
-    """
+    """Return ``t`` and logarithms (base 10) of sizes of differences from the truth, if any, one per `APART`."""
     if curve.truth is None:
         return pd.DataFrame({"t": []})
     ours, theirs = _samples(curve.frame), _samples(truth_frame(curve.truth)).add_suffix(TRUTHS)
@@ -212,9 +203,9 @@ def _samples(frame: pd.DataFrame) -> pd.DataFrame:
     return frame[~frame["t"].duplicated(keep=False)]
 
 
-def _range_of_differences(curves: Sequence[Curve], columns: Sequence[str]) -> dict[str, list[float]]:
+def _range_of_differences(differences: Sequence[pd.DataFrame], columns: Sequence[str]) -> dict[str, list[float]]:
     """Whole decades that hold all but the largest and smallest hundredth of what is shown at first."""
-    found, shown = {}, pd.concat([difference(curve, columns) for curve in curves if curve.shown])
+    found, shown = {}, pd.concat(differences)
     for column in columns:
         values = shown[column].dropna() if column in shown else np.zeros(0)
         low, high = np.quantile(values, [0.01, 0.999]) if len(values) else (0.0, 0.0)

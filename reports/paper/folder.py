@@ -38,28 +38,12 @@ TRACING = (
 
 
 def write_paper(run: StoredRun, folder: str | Path, column: str = "double", authors: Sequence[str] = AUTHORS) -> Path:
-    """Write what an author needs of a run.
+    """Write what an author needs of a run, complete or not at all, and return the path of ``paper.pdf``.
 
     ``figures/*.pdf``, ``tables/*.tex`` and ``*.csv``, ``methods.tex``, ``references.bib``, ``paper.tex`` with all of it
     and the captions, ``trace.csv``; ``paper.pdf`` with its source for Typst, ``paper.typ`` and ``paper.json``;
-    ``reproduce/`` and ``provenance.json`` of the run. The folder appears complete or not at all.
-
-    Parameters
-    ----------
-    column : {"double", "single"}
-        Width of the figures, see `stiction.reports.figures.style.COLUMNS`.
-    authors
-        Below the title.
-
-    Returns
-    -------
-    Path
-        That of ``paper.pdf``.
-
-    Raises
-    ------
-    FolderRefused
-        If writing would lose something.
+    ``reproduce/`` and ``provenance.json`` of the run. FolderRefused if writing would lose something. `column`: width of
+    the figures, a name of `stiction.reports.figures.style.COLUMNS`.
     """
     import typst
 

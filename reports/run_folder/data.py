@@ -1,9 +1,7 @@
 """The data of a run folder, in full precision: tables as CSV and Parquet, a Parquet file per trajectory, all events.
 
-Trajectories take most of the room. The caller says which of them are stored; a row of a table whose run is not stored
-has the command that makes it again (`stiction.reports.run_folder.reproduce`). They are stored at every 10 ms and on
-both sides of events; finer samples, off which jumps are read, are not. `stiction.reports.run_folder.stored_run` reads
-it all.
+Trajectories take most of the room. The caller says which are stored, at every 10 ms and on both sides of events; a row
+whose run is not stored has the command that makes it again (`stiction.reports.run_folder.reproduce`).
 """
 
 from __future__ import annotations
@@ -11,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import replace
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -51,10 +50,9 @@ def tables_of(results: Results) -> dict[str, pd.DataFrame]:
 
 def _variants(results: Results) -> pd.DataFrame:
     """A row per variant, as its runs state: friction law and who supplies it, stabilization, iterations, all else."""
-    named = ("friction_law", "stabilization", "iterations")
+    named, rows = ("friction_law", "stabilization", "iterations"), []
     runs = {record.variant.label: record for record in results.records}
     runs |= {record.variant.label: record for record in results.records if record.trajectory is not None}
-    rows = []
     for record in runs.values():
         variant, trajectory = record.variant, record.trajectory
         stated = variant.settings if trajectory is None else trajectory.settings
@@ -89,18 +87,16 @@ def data_tables(results: Results, stored: Container[str]) -> dict[str, pd.DataFr
     for name, table in tables.items():
         if "key" in table and name not in SUMS_UP:
             tables[name] = table.assign(**{TRAJECTORY: table["key"].map(files), AGAIN: table["key"].map(commands)})
-    if "changed" in (held := tables.get("hold", pd.DataFrame())):
-        tables["hold"] = held.assign(**{AGAIN: [again_held(row) for row in held.to_dict("records")]})
-    if "run" in (study := tables.get("study", pd.DataFrame())):
-        tables["study"] = study.assign(**{AGAIN: [again_study(row) for row in study.to_dict("records")]})
+    for name, column, make in (("hold", "changed", again_held), ("study", "run", again_study)):
+        if column in (table := tables.get(name, pd.DataFrame())):
+            tables[name] = table.assign(**{AGAIN: [make(row) for row in table.to_dict("records")]})
     return tables
 
 
 def trajectory_files(records: Iterable[Record], stored: Container[str]) -> dict[str, str]:
     """Return by key of a run the file of its trajectory, for the runs that have one and are `stored`.
 
-    Names keep letters, digits and ``. = + -`` of the key; where two keys would share a name (upper and lower case are
-    the same to some file systems), later ones are numbered.
+    Where two keys would share a name (upper and lower case are the same to some file systems), later ones are numbered.
     """
     files: dict[str, str] = {}
     taken: set[str] = set()
@@ -108,20 +104,17 @@ def trajectory_files(records: Iterable[Record], stored: Container[str]) -> dict[
         if record.trajectory is None or record.key not in stored or record.key in files:
             continue
         stem = re.sub(r"[^A-Za-z0-9.=+-]+", "_", record.key)[:200]
-        name, number = stem, 1
-        while name.casefold() in taken:
-            number += 1
-            name = f"{stem}_{number}"
+        names = chain([stem], (f"{stem}_{number}" for number in count(2)))
+        name = next(name for name in names if name.casefold() not in taken)
         taken.add(name.casefold())
         files[record.key] = f"data/trajectories/{name}.parquet"
     return files
 
 
 def write_data(results: Results, folder: Path, stored: Container[str]) -> None:
-    """Write ``data/`` of a run folder: `data_tables`, the `stored` trajectories, truths, events and hard problems.
+    """Write ``data/`` of a run folder: `data_tables`, the `stored` trajectories, truths, hard problems, all events.
 
-    Trajectories and truths hold two more rows per event, the values before and after it. ``events.parquet`` holds all
-    events of all runs and truths with their two-sided values, ``key`` first.
+    Trajectories and truths hold two more rows per event, the values before and after it.
     """
     (folder / "data" / "trajectories").mkdir(parents=True)
     (folder / "data" / "truths").mkdir()

@@ -1,7 +1,7 @@
 """The folder of a run or of a paper: it appears complete or not at all, and never takes the place of something else.
 
-Everything is written to a sibling ``.<name>.partial-<process id>``, renamed at the end. What an interrupted run leaves
-under that name is not a run folder and may be deleted.
+Everything is written to a sibling with ``.partial-<process id>`` in its name, renamed at the end. What an interrupted
+run leaves under that name is not a run folder and may be deleted.
 """
 
 from __future__ import annotations
@@ -26,21 +26,11 @@ class FolderRefused(StictionError):
 
 
 def check_folder(folder: str | Path, main: str, source: Path | None = None) -> None:
-    """Refuse a folder that may not be written, before the hours of a campaign.
+    """Raise FolderRefused for a folder that may not be written, before the hours of a campaign.
 
     Allowed are a new or empty folder, and a previous one of the same kind to which nothing was added: it is replaced.
-
-    Parameters
-    ----------
-    main
-        The file that shows the kind: ``report.md`` of a run, ``paper.pdf`` of a paper.
-    source
-        Folder that it is made from: neither it nor one around or in it may be written.
-
-    Raises
-    ------
-    FolderRefused
-        Otherwise, naming what is in the way.
+    Its kind is shown by the file `main`: ``report.md`` of a run, ``paper.pdf`` of a paper. Neither `source`, the folder
+    that it is made from, nor one around or in it may be written.
     """
     folder = Path(folder).resolve()
     existing = next((place for place in (folder, *folder.parents) if place.exists()), folder)
@@ -78,7 +68,7 @@ def _files(folder: Path) -> list[str]:
 
 def write_provenance(folder: Path, origin: Mapping[str, Any]) -> None:
     """Write `PROVENANCE`, last of all: where the numbers come from, and every file of the folder."""
-    text = json.dumps({**origin, "files": [*_files(folder), PROVENANCE]}, indent=2, ensure_ascii=False)
+    text = json.dumps({**origin, "files": [*_files(folder), PROVENANCE]}, indent=2, ensure_ascii=False, default=str)
     (folder / PROVENANCE).write_text(text + "\n", encoding="utf-8")
 
 
@@ -86,12 +76,8 @@ def write_provenance(folder: Path, origin: Mapping[str, Any]) -> None:
 def run_folder(folder: str | Path, main: str, source: Path | None = None) -> Iterator[Path]:
     """Yield a folder to write to that becomes `folder` when the block ends, and vanishes if the block raises.
 
-    Raises
-    ------
-    FolderRefused
-        As `check_folder`, before the block and again before a previous one is replaced.
-    NotWritten
-        For an OSError of the block: what was there before is still there.
+    `check_folder` is called before the block, and again before a previous one is replaced. After an OSError of the
+    block, NotWritten, what was there before is still there.
     """
     check_folder(folder, main, source)
     folder = Path(folder).resolve()

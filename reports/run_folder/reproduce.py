@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -90,14 +90,11 @@ def again(record: Record) -> str | None:
     if record.key != run_key(declared, record.variant, record.step):
         return shlex.join(["stiction", "compare", "effects", record.scene, "--engines", record.variant.engine])
     scene = physics_of(declared, has_static_coefficient(record.variant))
-    words = ["stiction", "run", record.scene, "--engine", record.variant.engine]
-    for name, value in job(scene, record.variant, record.step).arguments.items():
-        words += ([f"--{name.replace('_', '-')}", str(value)] if name in OPTIONS
-                  else ["--setting", f"{name}={as_given(value)}"])
-    for name, guide in declared.frictional_guides.items():
-        if guide.mus != (mus := scene.guides[name].mus):
-            words += ["--set", f"{name}.mus={mus!r}"]
-    return shlex.join(words)
+    options = [(name.replace("_", "-"), str(value)) if name in OPTIONS else ("setting", f"{name}={as_given(value)}")
+               for name, value in job(scene, record.variant, record.step).arguments.items()]
+    options += [("set", f"{name}.mus={mus!r}") for name, guide in declared.frictional_guides.items()
+                if guide.mus != (mus := scene.guides[name].mus)]
+    return _run(record.scene, record.variant.engine, options)
 
 
 @cache
@@ -108,22 +105,29 @@ def _declared(name: str) -> Scene:
 
 def again_held(row: Mapping[str, Any]) -> str | None:
     """Return the command for a held load, of a row of its table; None for a failed one."""
-    if row.get("status", "ok") != "ok" or row["scene"] not in catalogue():
+    if not _is_run(row):
         return None
-    words = ["stiction", "run", row["scene"], "--engine", row["engine"], f"--{row['parameter']}", f"{row['step']:g}",
-             "--fidelity", row["fidelity"]]
-    for option, values in json.loads(row["changed"]).items():
-        words += [word for name, value in values.items() for word in (f"--{option}", f"{name}={as_given(value)}")]
-    return shlex.join(words)
+    changed = [(option, f"{name}={as_given(value)}") for option, values in json.loads(row["changed"]).items()
+               for name, value in values.items()]
+    return _run(row["scene"], row["engine"],
+                [(row["parameter"], f"{row['step']:g}"), ("fidelity", row["fidelity"]), *changed])
 
 
 def again_study(row: Mapping[str, Any]) -> str | None:
     """Return the command for a run of the study of drift, of a row of its table; None for a failed one."""
-    if row.get("status", "ok") != "ok" or row["scene"] not in catalogue() or "time [s]" not in row:
+    if not _is_run(row) or "time [s]" not in row:
         return None
     method = row["choice"].partition(" ")[0].lower()
-    words = ["stiction", "run", row["scene"], "--engine", "reference", "--t-end", f"{row['time [s]']:g}",
-             "--dt", f"{row['step']:g}", "--setting", f"stabilization={method}"]
-    for name in ("alpha", "beta") if method == "baumgarte" else ():
-        words += ["--set", f"stabilization.{name}={row[f'{name} [1/s]']:g}"]
-    return shlex.join(words)
+    gains = ("alpha", "beta") if method == "baumgarte" else ()
+    return _run(row["scene"], "reference", [
+        ("t-end", f"{row['time [s]']:g}"), ("dt", f"{row['step']:g}"), ("setting", f"stabilization={method}"),
+        *(("set", f"stabilization.{name}={row[f'{name} [1/s]']:g}") for name in gains)])
+
+
+def _is_run(row: Mapping[str, Any]) -> bool:
+    return row.get("status", "ok") == "ok" and row["scene"] in catalogue()
+
+
+def _run(scene: str, engine: str, options: Iterable[tuple[str, str]]) -> str:
+    words = ["stiction", "run", scene, "--engine", engine]
+    return shlex.join(words + [word for name, value in options for word in (f"--{name}", value)])

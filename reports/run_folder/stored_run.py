@@ -27,20 +27,13 @@ ABOUT_RUNS = ("runs", "variants", "parameters", "truths")
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A run folder.
-
-    Attributes
-    ----------
-    folder : Path
-    origin : Mapping
-        Its ``provenance.json``.
-    tables : Mapping[str, DataFrame]
-        Its tables by name, in full precision; `TRAJECTORY` has the file of a row's trajectory.
-    """
+    """A run folder."""
 
     folder: Path
     origin: Mapping[str, Any]
+    """Its ``provenance.json``"""
     tables: Mapping[str, pd.DataFrame]
+    """By name, in full precision; `TRAJECTORY` has the file of a row's trajectory"""
 
     def validation(self) -> Results:
         """Return the results, trajectories and truths included; a truth is straight between its stored samples."""
@@ -82,13 +75,7 @@ class StoredRun:
 
 
 def read_run(folder: str | Path) -> StoredRun:
-    """Read the run folder that `stiction.reports.write_report` has written.
-
-    Raises
-    ------
-    InputError
-        If it is none, naming what is missing.
-    """
+    """Read what `stiction.reports.write_report` has written; InputError names what is missing in any other folder."""
     folder = Path(folder)
     try:
         origin = json.loads((folder / PROVENANCE).read_text(encoding="utf-8"))

@@ -31,26 +31,16 @@ _KEY = re.compile(r"(?:([A-Z])|([\w-]+):)(\d+(?:-\d+(?:/[1-9]\d*)?)?(?:,\d+(?:-\
 
 @dataclass(frozen=True)
 class Source:
-    """The rows and files that a key leads to.
+    """The rows and files that a key leads to."""
 
-    Attributes
-    ----------
-    table : str
-        Its name in the data, without folder and ending.
-    numbers : str
-        Its rows as in the key: ``16-30,45``.
-    rows : DataFrame
-        Its rows in full precision, by their numbers.
-    files : tuple of str
-        Trajectories and truths behind the rows, relative to the run folder; none where no run is (a claim, a parameter)
-        and where a row sums up runs that are not kept (a threshold).
-    """
-
-    key: str
     table: str
+    """Its name in the data, without folder and ending"""
     numbers: str
+    """Its rows as in the key: ``16-30,45``"""
     rows: pd.DataFrame
+    """In full precision, by their numbers"""
     files: tuple[str, ...]
+    """Trajectories and truths behind the rows, relative to the run folder; none where no run is kept"""
 
     @property
     def place(self) -> str:
@@ -76,13 +66,7 @@ def key_of(table: str, rows: Iterable[int]) -> str:
 
 
 def resolve(run: StoredRun, key: str) -> Source:
-    """Find what `key` leads to in `run`.
-
-    Raises
-    ------
-    InputError
-        For a key that leads nowhere, saying what would.
-    """
+    """Find what `key` leads to in `run`; InputError for a key that leads nowhere says what would."""
     match = _KEY.fullmatch(key.strip())
     names = {letter: name for name, letter in LETTERS.items() if name in run.tables}
     name = (names.get(match[1]) if match[1] else match[2]) if match else None
@@ -91,9 +75,7 @@ def resolve(run: StoredRun, key: str) -> Source:
         raise InputError(f"key: found {key!r}; expected a letter and rows, such as A12 or J16-30,45, or the name of a "
                          f"table, such as accuracy:12; letters of this run: {letters}")
     table, numbers = run.tables[name], list[int]()
-    for part in match[3].split(","):
-        ends, _, step = part.partition("/")
-        first, _, last = ends.partition("-")
+    for first, last, step in re.findall(r"(\d+)(?:-(\d+))?(?:/(\d+))?", match[3]):
         numbers += range(int(first), int(last or first) + 1, int(step or 1))
     if not numbers or min(numbers) < 1 or max(numbers) > len(table):
         raise InputError(f"key: found {key!r}; data/{name}.csv has rows 1 to {len(table)}")
@@ -101,7 +83,7 @@ def resolve(run: StoredRun, key: str) -> Source:
     files = list(rows[TRAJECTORY].dropna()) if TRAJECTORY in rows else []
     truths = rows["truth"].dropna().map(truth_file) if "truth" in rows else []
     files += [file for file in truths if (run.folder / file).is_file()]
-    return Source(key, name, match[3], rows, tuple(dict.fromkeys(files)))
+    return Source(name, match[3], rows, tuple(dict.fromkeys(files)))
 
 
 def described(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:
@@ -109,9 +91,8 @@ def described(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:
     yield "data", source.place
     yield from (("file", file) for file in source.files)
     for name, values in source.rows.dropna(axis="columns", how="all").items():
-        texts = [str(value) for value in values]
-        if len(set(texts)) == 1:
-            texts = texts[:1]
+        texts = list(map(str, values))
+        texts = texts[:1] if len(set(texts)) == 1 else texts
         if name == "settings" and len(texts) == 1:
             yield from ((f"setting {key}", json.dumps(value, ensure_ascii=False))
                         for key, value in json.loads(texts[0]).items())

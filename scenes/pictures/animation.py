@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
 from html import escape
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
@@ -16,7 +14,7 @@ from stiction.scenes.pictures.geometry import poses_at, view_of
 from stiction.scenes.pictures.mechanism import canvas, draw_mechanism
 from stiction.scenes.pictures.picture import rc
 from stiction.scenes.pictures.web import (LONG, Columns, asset, data, document, film_controls, force_columns,
-                                          load_signs, mechanism, pose_columns)
+                                          largest_force, load_signs, mechanism, pose_columns)
 from stiction.scenes.trajectory import Trajectory
 
 ENDINGS = (".gif", ".mp4", ".html")
@@ -27,13 +25,7 @@ FILM_DPI = 80
 
 
 def check_animation(file: Path) -> None:
-    """Check that a film of this name can be written here.
-
-    Raises
-    ------
-    InputError
-        If its ending is none of `ENDINGS`, or needs a program that is not installed.
-    """
+    """Raise InputError for a name whose ending is none of `ENDINGS`, or needs a program that is not installed."""
     if file.suffix.lower() not in ENDINGS:
         raise InputError(f"found {str(file)!r}; expected a name that ends in {', '.join(ENDINGS)}")
     if file.suffix.lower() == ".mp4" and not FFMpegWriter.isAvailable():
@@ -41,45 +33,22 @@ def check_animation(file: Path) -> None:
                          "expected a name that ends in .gif or .html")
 
 
-def animate(scene: Scene, trajectory: Trajectory, file: Path, kind: str | None = None) -> int:
-    """Write the film: frames, or a page (.html) with a time slider and every output time that needs no network.
+def animate(scene: Scene, trajectory: Trajectory, file: Path) -> int:
+    """Write the film, and return the number of its frames; errors as of `check_animation`.
 
-    Parameters
-    ----------
-    kind
-        The ending that the file is to have, where `file` itself has another one.
-
-    Returns
-    -------
-    int
-        The number of frames.
-
-    Raises
-    ------
-    InputError
-        As `check_animation`.
+    It has frames, or is a page (.html) with a time slider and every output time that needs no network.
     """
-    ending = kind or file.suffix.lower()
-    check_animation(file.with_suffix(ending))
-    if ending == ".html":
+    check_animation(file)
+    if file.suffix.lower() == ".html":
         file.write_text(film_page(scene, trajectory), encoding="utf-8")
         return len(trajectory.t)
-    span = float(trajectory.t[-1] - trajectory.t[0])
-    wanted = np.linspace(trajectory.t[0], trajectory.t[-1], int(np.clip(FRAMES_PER_SECOND * span, FEWEST, MOST)))
-    rows = np.unique(np.searchsorted(trajectory.t, wanted))
-    with TemporaryDirectory(prefix="stiction-") as folder:  # the writers go by the ending of the name
-        made = Path(folder) / f"film{ending}"
-        _write_frames(scene, trajectory, rows, made)
-        shutil.copyfile(made, file)
-    return len(rows)
-
-
-def _write_frames(scene: Scene, trajectory: Trajectory, rows: np.ndarray, file: Path) -> None:
-    """Draw rows of a trajectory one after the other."""
+    first, last = trajectory.t[[0, -1]]
+    frames = int(np.clip(FRAMES_PER_SECOND * (last - first), FEWEST, MOST))
+    rows = np.unique(np.searchsorted(trajectory.t, np.linspace(first, last, frames)))
     view = view_of(scene, [poses_at(scene, trajectory, row) for row in rows])
     corners, largest = force_columns(scene), largest_force(scene, trajectory)
     scale = f"; corner forces: longest arrow {largest:.3g} N" if corners else ""
-    film = (PillowWriter if file.suffix == ".gif" else FFMpegWriter)(fps=FRAMES_PER_SECOND)
+    film = (PillowWriter if file.suffix.lower() == ".gif" else FFMpegWriter)(fps=FRAMES_PER_SECOND)
     with rc():
         picture, ax = canvas(scene, view)
         picture.set_dpi(FILM_DPI)
@@ -94,6 +63,7 @@ def _write_frames(scene: Scene, trajectory: Trajectory, rows: np.ndarray, file: 
                     picture.draw_without_rendering()
                     picture.set_layout_engine(None)  # the axes stay where they are
                 film.grab_frame()
+    return len(rows)
 
 
 def film_page(scene: Scene, trajectory: Trajectory) -> str:
@@ -107,11 +77,6 @@ def film_page(scene: Scene, trajectory: Trajectory) -> str:
                "columns": {column: block.add(values) for column, values in columns.items()}, "t": block.add(t, LONG),
                "largest": largest_force(scene, trajectory), "block": block.packed()}
     title = f"{trajectory.scene}: {name}, {trajectory.fidelity}"
-    body = f"<h1>{escape(title)}</h1>\n{film_controls()}\n{data('film-data', content)}"
+    body = f"<h1>{escape(title)}</h1>\n{film_controls()}\n" + data('id="film-data"', content)
     scripts = [asset(name) for name in ("data.js", "player.js", "film.js")]
     return document(title, body, [asset("player.css")], scripts)
-
-
-def largest_force(scene: Scene, trajectory: Trajectory) -> float:
-    """Largest force on a corner over the whole motion, N; 1 where there are none."""
-    return max((float(np.nanmax(trajectory[name])) for name in force_columns(scene)), default=1.0) or 1.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -21,62 +22,48 @@ _WITHOUT_GUIDES = {r"\.[xy]": "position [m]", r"\.angle": "angle [rad]", r"\.eff
                    r"\.f[xy]": "pin forces [N]"}
 
 
-def evolution(trajectory: Trajectory, columns: Sequence[str] = ()) -> Picture:
-    """A panel for each of `columns`; if none is given, for what such a mechanism is judged by.
+def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Picture:
+    """Draw a panel for each of `columns`, with a line for each run; of one run without columns, the usual quantities.
 
-    Raises
-    ------
-    KeyError
-        For a column that the trajectory does not have.
+    KeyError for a column that a run does not have.
     """
-    for name in columns:
-        trajectory[name]
-    panels = [([name], f"{name} [{unit_of(name, trajectory.mechanism)}]") for name in columns] or _usual(trajectory)
-    frame = trajectory.to_frame(events=True)
+    first, several = runs[0], len(runs) > 1
+    for run, name in product(runs, columns):
+        run[name]
+    panels = [([name], f"{name} [{unit_of(name, first.mechanism)}]") for name in columns] or _usual(first)
+    frames = [run.to_frame(events=True) for run in runs]
+    stick = [] if several else _stick(frames[0])
     with rc():
-        picture = Picture(0.4 + 1.25 * len(panels))
+        picture = Picture((0.6 if several else 0.4) + 1.25 * len(panels))
         axes = picture.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for ax, (names, label) in zip(axes, panels):
-            for number, name in enumerate(names[:MOST_LINES]):
-                ax.plot(frame["t"].to_numpy(), frame[name].to_numpy(), color=CYCLE[number], linewidth=1.0, label=name,
-                        linestyle=_DASHES[number % len(_DASHES)])
-            for start, end in _stick(frame):
-                ax.axvspan(start, end, color=COLORS["shade"], linewidth=0, zorder=0)
+            lines = [(frame, names[0], _method(run)) for run, frame in zip(runs, frames)] if several else [
+                (frames[0], name, name) for name in names[:MOST_LINES]]
+            for number, (frame, name, text) in enumerate(lines):
+                dashes = _DASHES[(number // len(CYCLE) if several else number) % len(_DASHES)]
+                ax.plot(frame["t"].to_numpy(), frame[name].to_numpy(), color=CYCLE[number % len(CYCLE)], linewidth=1.0,
+                        label=text, linestyle=dashes)
+            for begin, end in stick:
+                ax.axvspan(begin, end, color=COLORS["shade"], linewidth=0, zorder=0)
             ax.set_ylabel(label)
             ax.margins(x=0)
             if not columns:
                 more = f"{MOST_LINES} of {len(names)}" if len(names) > MOST_LINES else None
                 ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title=more)
-        axes[-1].set_xlabel("$t$ [s]" + (", shaded: stick" if _stick(frame) else ""))
-        axes[0].set_title(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}",
-                          fontsize=8, parse_math=False)
+        axes[-1].set_xlabel("$t$ [s]" + (", shaded: stick" if stick else ""))
+        if several:
+            axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+        else:
+            axes[0].set_title(f"{first.scene}: {first.engine} {first.version}, {first.fidelity}", fontsize=8,
+                              parse_math=False)
     return picture
 
 
-def overlay(runs: Sequence[Trajectory], columns: Sequence[str]) -> Picture:
-    """A panel for each of `columns` with a line for each run, named by engine, fidelity and what sets its accuracy.
-
-    Raises
-    ------
-    KeyError
-        For a column that a run does not have.
-    """
-    frames = [run.to_frame(events=True) for run in runs]
-    labels = [" ".join([run.engine, run.fidelity, *(f"{key} = {run.settings[key]:g}" for key in ("dt", "rtol")
-                                                    if isinstance(run.settings.get(key), float))]) for run in runs]
-    with rc():
-        picture = Picture(0.6 + 1.25 * len(columns))
-        axes = picture.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]
-        for ax, name in zip(axes, columns):
-            for number, (run, frame, label) in enumerate(zip(runs, frames, labels)):
-                run[name]
-                ax.plot(frame["t"].to_numpy(), frame[name].to_numpy(), color=CYCLE[number % len(CYCLE)], linewidth=1.0,
-                        label=label, linestyle=_DASHES[number // len(CYCLE) % len(_DASHES)])
-            ax.set_ylabel(f"{name} [{unit_of(name, runs[0].mechanism)}]")
-            ax.margins(x=0)
-        axes[-1].set_xlabel("$t$ [s]")
-        axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-    return picture
+def _method(run: Trajectory) -> str:
+    """Engine, fidelity and what sets the accuracy."""
+    accuracy = {key: run.settings.get(key) for key in ("dt", "rtol")}
+    return " ".join([run.engine, run.fidelity, *(f"{key} = {value:g}" for key, value in accuracy.items()
+                                                 if isinstance(value, float))])
 
 
 def _usual(trajectory: Trajectory) -> list[tuple[list[str], str]]:

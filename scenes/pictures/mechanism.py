@@ -26,9 +26,8 @@ HEADS = {"end": "-|>", "both": "<|-|>"}
 def drawing(scene: Scene, heading: bool = True, poses: Poses | None = None, t: float = 0.0) -> Picture:
     """Draw the mechanism at its start, or with some `poses` at a time t (s).
 
-    A heading has the scene's title and parameters. Corners of a slider are numbered as in the paper, after the forces
-    on them: 1 lower rear, 2 lower front, 3 upper front, 4 upper rear; front is where the guide's direction points to,
-    up is that turned by +90 degrees.
+    A heading has the scene's title and parameters. Corners of a slider are numbered as in the paper: 1 lower rear, 2
+    lower front, 3 upper front, 4 upper rear; front is where the guide's direction points to, up that turned by +90°.
     """
     poses = poses or poses_at_start(scene)
     view = view_of(scene, [poses])
@@ -63,16 +62,9 @@ def canvas(scene: Scene, view: View) -> tuple[Picture, Axes]:
 
 def draw_mechanism(ax: Axes, scene: Scene, poses: Poses, view: View, t: float = 0.0,
                    corner_forces: Mapping[str, float] | None = None, largest: float = 1.0) -> None:
-    """Draw the mechanism into axes.
+    """Draw the mechanism into axes, loads as they push at a time t (s), or would if positive where they are zero.
 
-    Parameters
-    ----------
-    t
-        Seconds: loads point to where they push then; one that is zero then, to where it pushes if positive.
-    corner_forces
-        By column, N, drawn as arrows on the sliders.
-    largest
-        Largest corner force of the whole motion, N: the longest arrow.
+    Corner forces, N, by column, are arrows on the sliders; that of the `largest` of the whole motion is the longest.
     """
     ax.set(xlim=view.x, ylim=view.y, aspect="equal", xlabel="$x$ [m]", ylabel="$y$ [m]")
     signs = {name: -1 if evaluate_law(load.law, t)[0] < 0 else 1 for name, load in scene.forces.items()}

@@ -1,4 +1,4 @@
-"""Scenes and trajectories in Jupyter: a drawing, what is in it, the end of the motion, its events."""
+"""Scenes and trajectories in Jupyter: a drawing, and tables of what is in it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ from html import escape
 from stiction.scenes.model import Scene
 from stiction.scenes.pictures.geometry import poses_at
 from stiction.scenes.pictures.mechanism import drawing, parameters_in_words
+from stiction.scenes.run_summary import more_events, run_tables, run_title
 from stiction.scenes.trajectory import Trajectory
-
-EVENTS_SHOWN = 20
-_STATE = ("x", "y", "angle", "vx", "vy", "omega")
 
 
 def scene_html(scene: Scene) -> str:
@@ -25,23 +23,18 @@ def scene_html(scene: Scene) -> str:
 
 
 def trajectory_html(trajectory: Trajectory) -> str:
-    """Scene, engine and end of the run, a drawing of the end if the scene is known, the end state, the events."""
-    moved = len(trajectory.t) > 0
-    ended = f"t = 0 .. {trajectory.t[-1]:g} s" if moved else "no motion"
-    title = (f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, {ended}, "
-             f"{len(trajectory.t)} rows")
+    """Scene, engine and end of the run, a drawing of the end if the scene is known, what a terminal shows as well."""
+    title = run_title(trajectory)
     if trajectory.termination != "end":
         title += f"; stopped: {trajectory.termination}"
     parts = [f"<p>{escape(title)}</p>"]
-    if trajectory.mechanism is not None and moved:
+    if trajectory.mechanism is not None and len(trajectory.t):
         poses = poses_at(trajectory.mechanism, trajectory, -1)
         parts.append(drawing(trajectory.mechanism, False, poses, float(trajectory.t[-1])).svg())
-    bodies = [name.removesuffix(".omega") for name in trajectory.columns if name.endswith(".omega")] if moved else []
-    state = [(name, *(f"{trajectory[f'{name}.{key}'][-1]:.9g}" for key in _STATE)) for name in bodies]
-    events = [(f"{event.time:.9f}", event.kind, event.joint) for event in trajectory.events[:EVENTS_SHOWN]]
-    parts += [_table(("end state [m, rad, s]", *_STATE), state), _table(("event [s]", "kind", "joint"), events)]
-    if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
-        parts.append(f"<p>... and {more} more events</p>")
+    if len(trajectory.t):
+        parts += [_table(*table) for table in run_tables(trajectory)]
+    if more := more_events(trajectory):
+        parts.append(f"<p>{more}</p>")
     return "".join(parts)
 
 

@@ -17,6 +17,7 @@ from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Scene
 from stiction.scenes.pictures.geometry import LONGEST_ARROW, View
 from stiction.scenes.pictures.parts import LOOKS, CornerForce, Label, Link, Stroke, parts
+from stiction.scenes.trajectory import Trajectory
 
 CONTENT_SECURITY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 """Permissions of a page in a browser: nothing with the network."""
@@ -66,7 +67,9 @@ def compressed(data: bytes) -> str:
 def mechanism(scene: Scene, view: View) -> dict[str, Any]:
     """Return the drawing, ready for JSON, as ``drawMechanism`` of ``browser/player.js`` reads it."""
     digits = 5 - int(np.floor(np.log10(view.size)))
-    drawn = [_rounded({"kind": KINDS[type(part)], **asdict(part)}, digits) for part in parts(scene, view)]
+    text = json.dumps([{"kind": KINDS[type(part)], **asdict(part)} for part in parts(scene, view)],
+                      default=np.ndarray.tolist)
+    drawn = json.loads(text, parse_float=lambda number: round(float(number), digits))
     for part in drawn:
         if part["kind"] == "force":
             part["column"] = f"{part['guide']}.F{part['number']}"
@@ -91,6 +94,12 @@ def force_columns(scene: Scene) -> list[str]:
             for number in (1, 2, 3, 4)]
 
 
+def largest_force(scene: Scene, columns: Trajectory | Mapping[str, np.ndarray]) -> float:
+    """Largest force on a corner over the whole motion, N, whose arrow is the longest; 1 where there are none."""
+    forces = (columns[name] for name in force_columns(scene) if name in columns)
+    return max((float(np.nanmax(force, initial=0.0)) for force in forces), default=0.0) or 1.0
+
+
 def document(title: str, body: str, styles: Iterable[str], scripts: Iterable[str]) -> str:
     """Make an HTML document with everything in it; it requests nothing from the network."""
     return "\n".join([
@@ -101,10 +110,10 @@ def document(title: str, body: str, styles: Iterable[str], scripts: Iterable[str
         "<body>", body, *(f"<script>\n{script}</script>" for script in scripts), "</body>", "</html>", ""])
 
 
-def data(name: str, content: Mapping[str, Any]) -> str:
-    """JSON as an element of a document."""
+def data(attribute: str, content: Mapping[str, Any]) -> str:
+    """JSON as an element of a document, with an attribute by which its scripts find it."""
     text = json.dumps(content, ensure_ascii=False).replace("</", "<\\/")
-    return f'<script type="application/json" id="{escape(name)}">{text}</script>'
+    return f'<script type="application/json" {attribute}>{text}</script>'
 
 
 def asset(name: str) -> str:
@@ -115,14 +124,3 @@ def asset(name: str) -> str:
 def film_controls() -> str:
     """The drawing with its controls, as ``Film`` of ``browser/player.js`` takes it."""
     return asset("film.html").replace("\n", "")
-
-
-def _rounded(value: Any, digits: int) -> Any:
-    """Round all numbers of a structure; arrays become lists."""
-    if isinstance(value, np.ndarray):
-        return np.round(value, digits).tolist()
-    if isinstance(value, float):
-        return round(value, digits)
-    if isinstance(value, (list, tuple)):
-        return [_rounded(entry, digits) for entry in value]
-    return {name: _rounded(entry, digits) for name, entry in value.items()} if isinstance(value, dict) else value

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from stiction.cli.exit_codes import FAILED, Commands, ended
-from stiction.cli.options import (Assemble, EndTime, Engines, ExecutorName, Overrides, Quick, SceneNames, TableFile,
-                                  Timeout, Workers, check_written, count, distinct, scene_of)
+from stiction.cli.options import (PICTURES, Assemble, EndTime, Engines, ExecutorName, Overrides, Quick, SceneNames,
+                                  TableFile, Timeout, Workers, count, distinct, scene_of, written)
 from stiction.cli.render import or_shown, progress, show, show_truths, write_table
 
 if TYPE_CHECKING:
@@ -25,11 +25,12 @@ if TYPE_CHECKING:
 Repeats = Annotated[int | None, typer.Option(
     metavar="N", parser=count, help="Timed repeats of a run, at least; times are medians.")]
 Plot = Annotated[Path | None, typer.Option(
-    "--plot", metavar="FILE", help="Draw the study's first figure: .svg, .pdf or .png.")]
+    "--plot", metavar="FILE", callback=written(*PICTURES), help="Draw the study's first figure: .svg, .pdf or .png.")]
 Drive = Annotated[str | None, typer.Option(
     metavar="NAME", help="The drive whose effort is compared; the scene's first if not given.")]
 Problems = Annotated[Path | None, typer.Option(
-    metavar="FILE", help="Write the complementarity problems that the reference met, for `stiction replay`: .parquet.")]
+    metavar="FILE", callback=written(".parquet"), help="Write the complementarity problems that the reference met, for "
+    "`stiction replay`: .parquet.")]
 HELP = "Answer one question on a scene, for the engines and the reference."
 
 
@@ -76,11 +77,8 @@ def _command(study: Study) -> Callable[..., None]:
             if value is not None and name not in study.takes:
                 raise typer.BadParameter(f"found {value!r}; `compare {study.name}` makes no use of it",
                                          param_hint=f"--{name.replace('_', '-')}")
-        for option, path, endings in (("--plot", plot, (".svg", ".pdf", ".png")),
-                                      ("--problems", problems, (".parquet",))):
-            if path is not None:
-                check_written(path, endings, option)
-            distinct(option, path, out)
+        distinct("--plot", plot, out)
+        distinct("--problems", problems, out)
         subject = _subject(study, scenes, overrides, assemble)
         scope = Scope(subject, Depth.QUICK if quick else Depth.FULL, **given, options=options)
         _show(study, _made(study, scope, workers, timeout, executor), out, plot, problems)
@@ -95,11 +93,9 @@ def _subject(study: Study, scenes: Sequence[str], overrides: Sequence[str], asse
     if study.takes_scene and study.needs_scene and not scenes:
         raise typer.BadParameter("found nothing; expected a scene of the catalogue (see `stiction scenes`) or a TOML "
                                  "file", param_hint="SCENE")
-    if not study.takes_scene:
-        for given, hint in ((" ".join(scenes), "SCENE"), (overrides or assemble, "--set, --assemble")):
-            if given:
-                raise typer.BadParameter(f"found {given!r}; `compare {study.name}` has scenes of its own",
-                                         param_hint=hint)
+    if not study.takes_scene and (given := " ".join(scenes) or overrides or assemble):
+        raise typer.BadParameter(f"found {given!r}; `compare {study.name}` has scenes of its own",
+                                 param_hint="SCENE" if scenes else "--set, --assemble")
     if len(scenes) > 1 and "scenes" not in study.takes:
         raise typer.BadParameter(f"found {' '.join(scenes)}; `compare {study.name}` takes one", param_hint="SCENE")
     found = tuple(with_consistent_start(scene_of(name, overrides), assemble) for name in scenes)
@@ -135,14 +131,16 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
     if out is None and len(table):
         print("\nEvery row with its numbers and reasons: --out FILE.csv")
     if plot is not None:
+        from stiction.comparisons.atomic_files import whole_file
         from stiction.reports.figures.charts import drawn
-        from stiction.reports.figures.style import rc, write_figure
+        from stiction.reports.figures.style import rc
+        from stiction.scenes.pictures.picture import write_figure
 
         if not said.figures:
             raise ended(FAILED, f"{plot}: not written: `compare {study.name}` has no figure of these runs")
-        with rc():
+        with rc(), whole_file(plot) as partial:
             [drawing] = drawn(said.figures[:1], results)
-            write_figure(drawing, plot)
+            write_figure(drawing.figure, partial)
     if problems is not None:
         write_problems(results.problems, problems)
     if table.empty:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stiction.cli.exit_codes import FAILED, ended
-from stiction.cli.options import Overrides, SceneName, Timeout, check_written, scene_of
-from stiction.cli.render import EVENTS_SHOWN, announce, show
+from stiction.cli.options import Overrides, SceneName, Timeout, scene_of, written
+from stiction.cli.render import EVENTS_SHOWN, announce, print_or_write, show
 
 if TYPE_CHECKING:
     from stiction.engines import Engine, EngineMissing
@@ -28,14 +28,11 @@ def list_scenes(folder: Annotated[str, typer.Argument(
     from stiction.reference_impl.multibody.equation_summary import blocks
     from stiction.scenes import catalogue, load_scene
 
-    rows = []
-    names = catalogue(folder)
-    if not names:
+    if not (names := catalogue(folder)):
         raise typer.BadParameter(f"found {folder!r}; expected hard", param_hint="FOLDER")
-    for name in names:
-        scene = load_scene(name)
-        rows.append((name, scene.title, ", ".join(block.name for block in blocks(scene)[1:] if block.elements)))
-    show(("scene", "title", "effects"), rows)
+    show(("scene", "title", "effects"),
+         [(name, scene.title, ", ".join(block.name for block in blocks(scene)[1:] if block.elements))
+          for name, scene in zip(names, map(load_scene, names))])
 
 
 @commands.command("engines")
@@ -48,20 +45,11 @@ def list_engines(name: Annotated[str | None, typer.Argument(
     """List the engines: version or why it is missing, fidelities, friction law and who supplies it."""
     if try_it:
         _try(name or "", timeout)
-        return
-    if name is not None:
+    elif name is not None:
         _describe(name)
-        return
-    from stiction.engines import EngineMissing
-
-    rows = []
-    for name, engine in _installed():
-        if isinstance(engine, EngineMissing):
-            rows.append((name, engine.state, *[""] * 4, str(engine)))
-            continue
-        rows += [(name, engine.version, fidelity, mus, engine.capabilities.order, engine.capabilities.reactions, law)
-                 for fidelity, mus, law in fidelities_of(engine)]
-    show(("engine", "version", "fidelity", "mus", "order", "reactions from", "friction law (supplied by)"), rows)
+    else:
+        show(("engine", "version", "fidelity", "mus", "order", "reactions from", "friction law (supplied by)"),
+             [row for each, engine in _known() for row in _rows_of(each, engine)])
 
 
 @commands.command()
@@ -102,9 +90,9 @@ def export(scene: SceneName, overrides: Overrides = [],
            fidelity: Annotated[str, typer.Option(
                metavar="joint|contact", help="Bilateral joints, or (mjcf) a box between surfaces.")] = "joint",
            out: Annotated[Path | None, typer.Option(
-               "--out", metavar="FILE", help="Where to write it; shown if not given.")] = None) -> None:
+               "--out", metavar="FILE", callback=written(), help="Where to write it; shown if not given.")] = None
+           ) -> None:
     """Write the scene as a model that an engine's users know."""
-    from stiction.comparisons.atomic_files import write_text
     from stiction.engines.exudyn.engine import scene_as_script
     from stiction.engines.mujoco.engine import scene_as_mjcf
     from stiction.engines.protocol import FIDELITIES
@@ -120,14 +108,7 @@ def export(scene: SceneName, overrides: Overrides = [],
     if fidelity not in (can := FIDELITIES if to == "mjcf" else ("joint",)):
         raise typer.BadParameter(f"found {fidelity!r}; expected {' or '.join(can)} with --to {to}",
                                  param_hint="--fidelity")
-    if out is not None:
-        check_written(out, option="--out")
-    text = writers[to](scene_of(scene, overrides))
-    if out is None:
-        print(text, end="")
-    else:
-        write_text(out, text)
-        print(out)
+    print_or_write(writers[to](scene_of(scene, overrides)), out)
 
 
 def _try(name: str, timeout: float) -> None:
@@ -175,10 +156,20 @@ def table_of_defaults(engine: Engine) -> list[tuple[str, ...]]:
             *((key, *(as_given(known[key]) if key in known else "" for known in defaults.values())) for key in names)]
 
 
+def _rows_of(name: str, engine: Engine | EngineMissing) -> list[tuple[str, ...]]:
+    """A row per fidelity of an engine, or one that says why it is missing."""
+    from stiction.engines import EngineMissing
+
+    if isinstance(engine, EngineMissing):
+        return [(name, engine.state, *[""] * 4, str(engine))]
+    return [(name, engine.version, fidelity, mus, engine.capabilities.order, engine.capabilities.reactions, law)
+            for fidelity, mus, law in fidelities_of(engine)]
+
+
 def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
     from stiction.engines import EngineMissing
 
-    for name, engine in _installed():
+    for name, engine in _known():
         if isinstance(engine, EngineMissing):
             yield name, "", f"{engine.state}: {engine}"
             continue
@@ -190,7 +181,7 @@ def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
             yield name, fidelity, "yes" if reason is None else f"no: {reason}"
 
 
-def _installed() -> Iterator[tuple[str, Engine | EngineMissing]]:
+def _known() -> Iterator[tuple[str, Engine | EngineMissing]]:
     """All known engines, or why one cannot be had."""
     from stiction.engines import EngineMissing, engine_names, load_engine
 

@@ -49,7 +49,7 @@ class Commands(TyperGroup):
         except typer.Exit:
             raise
         except Exception as error:
-            from stiction.scenes import InputError, StictionError
+            from stiction.scenes.base_errors import InputError, StictionError
 
             if not isinstance(error, StictionError):
                 raise

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,8 +18,7 @@ import typer
 if TYPE_CHECKING:
     from stiction.scenes import Scene
 
-TABLES = (".csv", ".parquet")
-"""Endings of the files that tables are written to."""
+PICTURES = (".svg", ".pdf", ".png")
 
 
 def positive(text: float | str) -> float:
@@ -97,23 +96,26 @@ def settings_of(given: Sequence[str]) -> dict[str, Any]:
 def check_written(path: Path, endings: Sequence[str] = (), option: str | None = None) -> None:
     """Refuse a file that cannot be written, or has none of these endings (if any), before it is computed."""
     wrong = ""
-    if endings and path.suffix.lower() not in endings:
-        wrong = f"expected a name that ends in {' or '.join(endings)}"
-    else:
-        try:
-            places = [place for place in (path, path.parent) if place.exists()]
-            if path.is_dir() or not path.parent.is_dir() or not all(os.access(place, os.W_OK) for place in places):
-                wrong = "expected a file in a folder that exists and can be written"
-        except OSError as error:  # a name too long
-            wrong = str(error.strerror)
+    try:
+        places = [place for place in (path, path.parent) if place.exists()]
+        if endings and path.suffix.lower() not in endings:
+            wrong = f"expected a name that ends in {' or '.join(endings)}"
+        elif path.is_dir() or not path.parent.is_dir() or not all(os.access(place, os.W_OK) for place in places):
+            wrong = "expected a file in a folder that exists and can be written"
+    except OSError as error:  # a name too long
+        wrong = str(error.strerror)
     if wrong:
         raise typer.BadParameter(f"found {str(path)!r}; {wrong}", param_hint=option)
 
 
-def _table(path: Path | None) -> Path | None:
-    if path is not None:
-        check_written(path, TABLES)
-    return path
+def written(*endings: str) -> Callable[[Path | None], Path | None]:
+    """Return the callback of an option: `check_written` of a file that is given."""
+    def checked(path: Path | None) -> Path | None:
+        if path is not None:
+            check_written(path, endings)
+        return path
+
+    return checked
 
 
 @contextmanager
@@ -183,7 +185,8 @@ Full = Annotated[bool, typer.Option(
     "--full", help="Fine steps, long drift, every hard case, what the paper leaves open, settings of the engines: "
     "an hour or more.")]
 TableFile = Annotated[Path | None, typer.Option(
-    "--out", metavar="FILE", callback=_table, help="Write all columns and rows: .csv or .parquet.")]
+    "--out", metavar="FILE", callback=written(".csv", ".parquet"), help="Write all columns and rows: .csv or "
+    ".parquet.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder that `stiction validate` has written.")]
 CampaignFile = Annotated[Path | None, typer.Argument(
     metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given.")]

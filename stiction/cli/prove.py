@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from stiction.cli.exit_codes import FAILED, ended
+from stiction.cli.options import Overrides, count, scene_of, written
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stiction.scenes import Scene
+
 commands = typer.Typer()
-_MOST_DIGITS, _MOST_PLACES = 1000, 11
+
+
+def _up_to(most: int) -> Callable[[int | str], int]:
+    """Return the parser of a whole number 1 .. `most`."""
+    def number(text: int | str) -> int:
+        if (value := count(text)) > most:
+            raise typer.BadParameter(f"found {text!r}; expected 1 .. {most}")
+        return value
+
+    return number
 
 
 @commands.command()
@@ -22,37 +35,37 @@ def prove(scene: Annotated[str, typer.Argument(
               metavar="SCENE", help="Name of the catalogue or a TOML file; with --check a file that `stiction prove` "
               "has written.")],
           digits: Annotated[int, typer.Option(
-              metavar="N", help="Decimal places of positions, velocities and times of events.")] = 12,
-          overrides: Annotated[list[str], typer.Option(
-              "--set", metavar="KEY=VALUE", help="Replace a value of the scene. Repeatable.")] = [],
+              metavar="N", parser=_up_to(1000), help="Decimal places of positions, velocities and times of events.")
+          ] = 12,
+          overrides: Overrides = [],
           t_end: Annotated[str | None, typer.Option(
               "--t-end", metavar="S", help="Seconds to prove; the scene's own if not given.")] = None,
           out: Annotated[Path | None, typer.Option(
-              metavar="FILE", help="Write the proof: .json, to be checked with --check.")] = None,
+              metavar="FILE", callback=written(".json"), help="Write the proof: .json, to be checked with --check."
+          )] = None,
           check: Annotated[bool, typer.Option("--check", help="Prove anew every claim of a file.")] = False,
           threshold: Annotated[int | None, typer.Option(
-              "--threshold", metavar="N", help="Instead: prove the largest F0 with a stick phase to N decimal places "
-              "(slider-bar).")] = None) -> None:
+              "--threshold", metavar="N", parser=_up_to(11), help="Instead: prove the largest F0 with a stick phase to "
+              "N decimal places (slider-bar).")] = None) -> None:
     """Enclose a motion with a proof: contact modes, events, existence, uniqueness; the scene's numbers as written."""
-    from stiction.scenes import InputError
-
     _require_library()
     if t_end is not None:  # as text: the number as it is written
         overrides = [*overrides, f"t_end={t_end}"]
-    if not 1 <= digits <= _MOST_DIGITS:
-        raise InputError(f"--digits: found {digits}; expected 1 .. {_MOST_DIGITS}")
-    if out is not None and out.suffix != ".json":
-        raise InputError(f"--out: found {out}; expected a file that ends in .json")
     if check:
         if overrides or out is not None:
-            raise InputError("--check: found --set, --t-end or --out, too; expected a file alone")
+            raise typer.BadParameter("found --set, --t-end or --out, too; expected a file alone", param_hint="--check")
         _check(Path(scene))
-    elif threshold is not None:
-        if not 1 <= threshold <= _MOST_PLACES:
-            raise InputError(f"--threshold: found {threshold}; expected 1 .. {_MOST_PLACES}")
-        _prove_threshold(scene, threshold, overrides, out)
-    else:
-        _prove(scene, digits, overrides, out)
+        return
+    from stiction.comparisons.proof.certificate import write_certificate
+    from stiction.comparisons.proof.enclosures import NotProven
+
+    loaded = scene_of(scene, overrides)
+    try:
+        claims = _proven_motion(loaded, digits) if threshold is None else _proven_threshold(loaded, threshold)
+    except NotProven as error:
+        raise ended(FAILED, f"{loaded.name}: {error}") from None
+    if out is not None:
+        write_certificate(claims, out)
 
 
 def verified_set(solver: str, problems: Path | None) -> pd.DataFrame:
@@ -84,43 +97,27 @@ def _check(path: Path) -> None:
     print(f"{claims['scene']}: all {what} proven anew")
 
 
-def _prove(name: str, digits: int, overrides: list[str], out: Path | None) -> None:
-    from stiction.comparisons.proof.certificate import write_certificate
-    from stiction.comparisons.proof.enclosures import NotProven
+def _proven_motion(scene: Scene, digits: int) -> dict[str, Any]:
+    """Claims of a motion; they are printed."""
     from stiction.comparisons.proof.motion import prove_scene
     from stiction.comparisons.proof.motion_certificate import motion_certificate
-    from stiction.scenes import load_scene, parse_override
 
-    scene = load_scene(name, dict(parse_override(text) for text in overrides))
-    try:
-        motion = prove_scene(scene, digits)
-    except NotProven as error:
-        raise ended(FAILED, f"{scene.name}: {error}") from None
+    motion = prove_scene(scene, digits)
     claims = motion_certificate(motion, scene, digits)
     print(f"{scene.name}: proven, {len(motion.steps)} steps, {claims['bits']} bits, order {claims['order']}, "
           f"largest width {claims['largest width']}")
-    for number, event in enumerate(claims["events"], 1):
-        print("  ".join([f"event {number}", *(f"{key} {value}" for key, value in event.items())]))
-    state = (f"{key} {value}" for key, value in claims["state at t_end"].items())
-    print("  ".join([f"t_end {claims['t_end [s]']}", *state]))
-    if out is not None:
-        write_certificate(claims, out)
+    instants = [(f"event {number}", event) for number, event in enumerate(claims["events"], 1)]
+    for name, values in (*instants, (f"t_end {claims['t_end [s]']}", claims["state at t_end"])):
+        print("  ".join([name, *(f"{key} {value}" for key, value in values.items())]))
+    return claims
 
 
-def _prove_threshold(name: str, places: int, overrides: list[str], out: Path | None) -> None:
-    from stiction.comparisons.proof.certificate import write_certificate
-    from stiction.comparisons.proof.enclosures import NotProven
+def _proven_threshold(scene: Scene, places: int) -> dict[str, Any]:
+    """Claims of a threshold; the theorem is printed."""
     from stiction.comparisons.proof.threshold import proven_threshold
     from stiction.comparisons.proof.threshold_certificate import threshold_certificate
-    from stiction.scenes import load_scene, parse_override
 
-    scene = load_scene(name, dict(parse_override(text) for text in overrides))
-    try:
-        found = proven_threshold(scene, places)
-    except NotProven as error:
-        raise ended(FAILED, f"{scene.name}: {error}") from None
-    claims = threshold_certificate(found, scene)
+    claims = threshold_certificate(proven_threshold(scene, places), scene)
     for sentence in claims["theorem"]:
         print(sentence)
-    if out is not None:
-        write_certificate(claims, out)
+    return claims

@@ -18,16 +18,12 @@ if TYPE_CHECKING:
     from stiction.comparisons.results import Results
     from stiction.comparisons.studies.study import Study
     from stiction.reports.report import Report
-    from stiction.scenes import Scene, Trajectory
+    from stiction.scenes import Trajectory
 
 EVENTS_SHOWN = 20
-"""Lines of a list that may be long: events, reasons, components."""
+"""Lines of a list that may be long: reasons, components."""
 UNBROKEN = 18
 """Characters of a cell that stays on one line whatever the width, as numbers do, their uncertainty included."""
-DIGITS = 9
-"""Of the numbers of a run."""
-ROUNDING = 1e-13
-"""Of the largest value of a kind: what some hundred roundings of double precision come to."""
 _GAP = 3
 """Characters between two columns on a terminal."""
 
@@ -68,7 +64,8 @@ class Progress:
 
     def share(self, share: float, counted: str = "") -> None:
         """Show the part of the work that is done, 0 to 1, and the time left."""
-        self._left = left(self._started, share)
+        seconds = (time.monotonic() - self._started) * (1 / share - 1)
+        self._left = (f"{10 * round(seconds / 10):d} s" if seconds < 95 else f"{round(seconds / 60):d} min") + " left"
         total = self._total or 1.0
         self.bar.update(self._task, total=total, completed=share * total, state=counted + self._left)
 
@@ -94,16 +91,6 @@ def announce(words: str) -> None:
     """Say what is waited for, if somebody sits at a terminal."""
     if sys.stderr.isatty():
         say(f"{words} ..")
-
-
-def left(started: float, share: float) -> str:
-    """``3 min left``, by the time that a share (0 < share <= 1) of the work has taken since `started`."""
-    return f"{duration((time.monotonic() - started) * (1 / share - 1))} left"
-
-
-def duration(seconds: float) -> str:
-    """``40 s``, ``3 min``: as exactly as an estimate is."""
-    return f"{10 * round(seconds / 10):d} s" if seconds < 95 else f"{round(seconds / 60):d} min"
 
 
 def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -166,75 +153,23 @@ def show_truths(table: pd.DataFrame) -> None:
             print(f"truth, {tier}: {words}")
 
 
-def show_trajectory(trajectory: Trajectory, scene: Scene) -> None:
-    """Print end state, efforts, drift, events and cost."""
-    import numpy as np  # imported here: most of what is printed needs none of it
+def show_trajectory(trajectory: Trajectory) -> None:
+    """Print settings, end state, efforts, drift, events and cost."""
+    from stiction.scenes.run_summary import more_events, run_tables, run_title
 
-    times = f"t = 0 .. {trajectory.t[-1]:g} s" if len(trajectory.t) > 1 else "no motion"
-    print(f"{trajectory.scene}: {trajectory.engine} {trajectory.version}, {trajectory.fidelity}, {times}, "
-          f"{len(trajectory.t)} rows")
+    print(run_title(trajectory))
     if len(trajectory.t) < 2:
         return
     show(("setting", "value"), [(key, str(value)) for key, value in trajectory.settings.items()])
-    state, digits = ("x", "y", "angle", "vx", "vy", "omega"), _above_noise(trajectory)
-    show(("end state [m, rad, s]", *state),
-         [(body, *(digits(f"{body}.{key}", trajectory[f"{body}.{key}"][-1]) for key in state))
-          for body in scene.bodies])
-    forces = {name: (np.fmin.reduce(values), np.fmax.reduce(values), values[-1])
-              for name, values in trajectory.columns.items()
-              if name.rpartition(".")[2] in ("effort", "normal_force", "friction") or name.startswith("drift.")}
-    show(("over time", "smallest", "largest", "at the end"),
-         [(name, *("left open" if np.isnan(value) else digits(name, value) for value in values))
-          for name, values in forces.items()])
-    _show_events(trajectory, [f"{name}.effort" for name in scene.drives], digits)
+    for heads, rows in run_tables(trajectory):
+        show(heads, rows)
+    if more := more_events(trajectory):
+        print(more)
     cost = trajectory.cost
     times = (f"{cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, "
              f"{cost.stepping_s:.3g} s stepping, {cost.own_s:.3g} s of it in the engine itself")
     counts = ", ".join(f"{name} {count}" for name, count in cost.counters.items())
     print("CPU: " + "; ".join(filter(None, (times, counts))))
-
-
-def _show_events(trajectory: Trajectory, efforts: Sequence[str], digits: Callable[[str, float], str]) -> None:
-    """Events with the jumps of efforts; those without values have none, nor has one an effort of another part."""
-    several = any(event.other_modes for event in trajectory.events)
-    heads = ("event [s]", "kind", "joint", *(f"jump of {name}" for name in efforts))
-    rows = []
-    for event in trajectory.events[:EVENTS_SHOWN]:
-        jumps = (digits(name, event.jump(name)) if name in event.before else "" for name in efforts)
-        row = (f"{event.time:.9f}", event.kind, event.joint, *jumps)
-        rows.append((*row, str(event.other_modes)) if several else row)
-    show((*heads, "other consistent modes") if several else heads, rows)
-    if (more := len(trajectory.events) - EVENTS_SHOWN) > 0:
-        print(f"... and {more} more events")
-
-
-def _above_noise(trajectory: Trajectory) -> Callable[[str, float], str]:
-    """Digits of a value of a column, or 0 where rounding, or drift that digits do not show, makes as much.
-
-    As in the norms of the drift, lengths and angles count together, and so do forces and moments.
-    """
-    import numpy as np
-
-    from stiction.scenes.columns import unit_of
-
-    same = {"rad": "m", "rad/s": "m/s", "N m": "N", "N m or N": "N"}
-    drift = {"m": "drift.position", "m/s": "drift.velocity"}
-    largest: dict[str, float] = {}
-
-    def kind_of(name: str) -> str:
-        return same.get(unit := unit_of(name), unit)
-
-    for name, values in trajectory.columns.items():
-        if name not in drift.values():
-            largest[kind_of(name)] = max(largest.get(kind_of(name), 0.0), np.nanmax(np.abs(values), initial=0.0))
-
-    def digits(name: str, value: float) -> str:
-        size, column = largest.get(kind_of(name), 0.0), drift.get(kind_of(name))
-        drifted = np.nanmax(trajectory[column], initial=0.0) if column else 0.0
-        noise = size * max(ROUNDING, min(drifted / (size or 1.0), 10.0 ** -DIGITS))
-        return "0" if abs(value) <= noise else f"{value:.{DIGITS}g}"
-
-    return digits
 
 
 def show_summary(report: Report) -> None:
@@ -245,6 +180,17 @@ def show_summary(report: Report) -> None:
         print(f"{taken_over} runs were taken over from an earlier call.")
     for line in answer_lines(report):
         print(line)
+
+
+def print_or_write(text: str, out: Path | None) -> None:
+    """Print a text, or write it to a file and print the name of that."""
+    from stiction.comparisons.atomic_files import write_text
+
+    if out is None:
+        print(text, end="")
+    else:
+        write_text(out, text)
+        print(out)
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:

@@ -13,7 +13,7 @@ import typer
 from stiction.cli.exit_codes import FAILED, ended, interrupted, say
 from stiction.cli.options import (Assemble, EndTime, EngineName, ExecutorName, Fidelity, Overrides, SceneName, Settings,
                                   TableFile, Timeout, Workers, about, distinct, listed, positive, scene_of, settings_of)
-from stiction.cli.pictures import Animation, Plot, check_pictures, write_pictures
+from stiction.cli.pictures import Animation, Plot, write_pictures
 from stiction.cli.prove import verified_set
 from stiction.cli.render import EVENTS_SHOWN, or_shown, progress, show, show_table, show_trajectory, write_table
 
@@ -44,7 +44,8 @@ def run(scene: SceneName, engine: EngineName = "reference", fidelity: Fidelity =
     from stiction.engines.command_run import run_as_asked
 
     loaded, chosen = scene_of(scene, overrides), settings_of(settings)
-    check_pictures(plot, animation, out)
+    distinct("--plot", plot, out)
+    distinct("--animate", animation, plot)
     if dt is not None and rtol is not None:
         raise typer.BadParameter(f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance",
                                  param_hint="--dt, --rtol")
@@ -56,9 +57,9 @@ def run(scene: SceneName, engine: EngineName = "reference", fidelity: Fidelity =
     given = engine, loaded, assemble, arguments | chosen
     trajectory: Trajectory = _in_child(title, run_as_asked, given, timeout, traceback)
     if out is None:
-        show_trajectory(trajectory, loaded)
+        show_trajectory(trajectory)
     else:
-        with or_shown(lambda: show_trajectory(trajectory, loaded)):
+        with or_shown(lambda: show_trajectory(trajectory)):
             write_table(trajectory.to_frame(events), out)
         print(out)
     write_pictures(trajectory, plot, animation)
@@ -145,8 +146,8 @@ def _show_sweep(result: Any, folder: Path) -> None:
     with rc():
         for drawing in sweep_drawings(result):
             save(drawing, folder, kinds=("png", "pdf"))
-    parts = {"map": result.map, "threshold": result.threshold}
-    tables = {part: table for part, table in parts.items() if table is not None}
+    tables = {part: table for part, table in (("map", result.map), ("threshold", result.threshold))
+              if table is not None}
     print(folder)
     columns = [(part, name, table[name]) for part, table in tables.items() for name in table.columns
                if "[" in name and not name.startswith("window")]
@@ -157,7 +158,7 @@ def _show_sweep(result: Any, folder: Path) -> None:
         failed = table[table["status"] != "ok"]
         for reason, points in (failed["status"] + ": " + failed["reason"]).value_counts()[:EVENTS_SHOWN].items():
             print(f"{part}: {points} points: {reason}")
-    if not any((table["status"] == "ok").any() for table in tables.values()):
+    if all((table["status"] != "ok").all() for table in tables.values()):
         raise ended(FAILED, "all points failed")
 
 
@@ -195,19 +196,17 @@ def replay(solver: Annotated[str, typer.Option(
 
             print(f"{export}: {write_folder(read_problems(problems), export)} problems")
         elif verify:
-            _show_replay(verified_set(solver, problems), out)
+            _show_set(verified_set(solver, problems), out)
         else:
             from stiction.comparisons.complementarity.replay import replay as run_set
 
             with progress(f"replay of {solver}") as bar:
                 table = run_set(solver, problems, timeout_s=timeout, workers=workers, on_start=bar.start,
                                 on_result=bar.result)
-            _show_replay(table, out)
-            failed = table[table["problems"] == 0]
-            if len(failed):
-                first = failed.iloc[0]
+            _show_set(table, out)
+            if len(failed := table[table["problems"] == 0]):
                 raise ended(FAILED, f"{len(failed)} of {len(table)} classes failed: "
-                                    f"{first['class']}: {first['reason']}")
+                                    f"{failed['class'].iloc[0]}: {failed['reason'].iloc[0]}")
 
 
 def _write_met(scene: Scene, path: Path) -> int | InputError:
@@ -221,7 +220,7 @@ def _write_met(scene: Scene, path: Path) -> int | InputError:
         return error
 
 
-def _show_replay(table: Any, out: Path | None) -> None:
+def _show_set(table: Any, out: Path | None) -> None:
     show_table(table)
     if out is not None:
         write_table(table, out)

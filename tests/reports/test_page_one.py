@@ -12,7 +12,7 @@ from made_up_runs import is_in
 from report_material import hard_table, record, unsaved_figures
 
 from stiction.comparisons.methods import methods
-from stiction.comparisons.presentation import COUNT, NAME, traced, value
+from stiction.comparisons.presentation import COUNT, NAME, Number, traced, value
 from stiction.comparisons.recommendation import mechanism_in_words
 from stiction.comparisons.results import Results
 from stiction.comparisons.uncertain import Uncertain
@@ -20,8 +20,9 @@ from stiction.comparisons.variants import Variant
 from stiction.reports import report_of, write_report
 from stiction.reports.markdown.tables import WIDTH as TABLE_WIDTH
 from stiction.reports.markdown.tables import fitted
-from stiction.reports.page_one import (HOW_TO_READ, TITLE, answer_lines, headline_table, not_installed, numbers,
+from stiction.reports.page_one import (HOW_TO_READ, TITLE, answer_lines, bullets, headline_table, not_installed,
                                        page_one, runs_in_words)
+from stiction.reports.report import Report
 
 FIXED = ("Zhuang & Wang 2014", "1 mm takes", "nearest to 1 ms")
 """Texts with digits that are no results: the paper, the error to which times are given, the step of the comparison."""
@@ -48,6 +49,13 @@ def folder(full, tmp_path_factory):
 
 def read(folder) -> dict[str, pd.DataFrame]:
     return {path.stem: pd.read_csv(path) for path in (folder / "data").glob("*.csv")}
+
+
+def numbers(report: Report) -> list[Number]:
+    """Every traced number of the page."""
+    cells = [part for rows in headline_table(report).groups.values() for row in rows.values() for part in row if part]
+    parts = [*cells, *report.answer, *(answer for _, answer in bullets(report)), runs_in_words(report.results)]
+    return [number for part in parts for number in part.numbers]
 
 
 def test_every_number_is_in_the_data(full, folder):

@@ -38,6 +38,7 @@ BROKEN = [  # file, then for each problem: key, value found, words of what was e
     (".".join(['"a.=,"'] * 20_000) + " = 1", [("file", "nested too deep", "at most")]),
     # numbers
     ("[bodies.bar]\nmass = -2\ninertia = 0", [("bodies.bar.mass", "-2", "number > 0"), ("bodies.bar.inertia", "0", "number > 0")]),
+    ("[bodies.bar]\nmass = 1e308\ninertia = 1e-308", [("bodies.bar.mass", "1e+308", "1e-60 .. 1e+60"), ("bodies.bar.inertia", "1e-308", "1e-60 .. 1e+60")]),
     ("[bodies.bar]\nmass = nan\ninertia = inf", [("bodies.bar.mass", "nan", "finite"), ("bodies.bar.inertia", "inf", "finite")]),
     ("[bodies.bar]\nmass = true\ninertia = 2020-01-01",
      [("bodies.bar.mass", "true", "a number"), ("bodies.bar.inertia", "2020-01-01", "a number")]),

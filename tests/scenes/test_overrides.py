@@ -23,7 +23,6 @@ def found(scene, path):
 
 @pytest.mark.parametrize(("key", "value", "path"), [
     ("F0", 4.2, "forces.load.law.amplitude"),
-    ("parameters.F0", 4.2, "forces.load.law.amplitude"),
     ("L", "2*pi", "parameters.L"),
     ("guide.mu", 0.02, "joints.guide.mu"),
     ("motor.rate", 1, "drives.motor.law.rate"),
@@ -31,10 +30,6 @@ def found(scene, path):
     ("motor.offset", 0.1, "drives.motor.law.offset"),
     ("load.phase", "pi/2", "forces.load.law.phase"),
     ("bar.position.0", 3, "bodies.bar.position.0"),
-    ("bodies.bar.mass", 7, "bodies.bar.mass"),
-    ("gravity.1", -1.62, "gravity.1"),
-    ("stabilization.alpha", 5, "stabilization.alpha"),
-    ("t_end", 3, "t_end"),
     ("pin.points.0.1", 0.1, "joints.pin.points.0.1"),
     # what the file leaves to its default
     ("slider.velocity.0", 0.3, "bodies.slider.velocity.0"),

@@ -190,14 +190,6 @@ class TestCommands:
         assert ended.exit_code == 0, ended.output
         assert sorted(path.name for path in folder.iterdir()) == ["run.gif", "run.pdf", "scene.svg"]
 
-    @pytest.mark.parametrize(("arguments", "told"), [
-        (["draw", CASE, "-o", "scene.toml"], "--out: found 'scene.toml'"), (["run", CASE, "--plot", "run.gif"], "--plot: found 'run.gif'"),
-        (["run", CASE, "--animate", "run.png"], "--animate: found 'run.png'"), (["run", CASE, "--plot", "none/run.png"], "folder")])
-    def test_bad_input_before_anything_runs(self, arguments, told, monkeypatch, folder):
-        monkeypatch.setattr("stiction.engines.isolate", lambda *_, **__: pytest.fail("it was run"))
-        ended = CliRunner().invoke(app, arguments)
-        assert ended.exit_code == 2 and told in ended.output and not list(folder.iterdir())
-
     def test_a_run_that_stops_is_drawn_up_to_there(self, folder, in_this_process):
         ended = CliRunner().invoke(app, ["run", "uniqueness-lost", "--plot", "run.png"])
         assert ended.exit_code == 1 and (Path("run.png").exists() or "no motion" in ended.output)

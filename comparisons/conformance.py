@@ -11,15 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stiction.comparisons.judgement import Judgement, judged
+from stiction.comparisons.judgement import Judgement, judge
 from stiction.comparisons.measures.accuracy import size_of
-from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.variants import physics_of
 from stiction.engines.isolation import Task, isolate
 from stiction.engines.protocol import BadTrajectory
 from stiction.engines.registry import absolute_name, load_engine
 from stiction.scenes import Scene, Trajectory, load_scene, scene_from_dict, vary
-from stiction.scenes.result_table import result_table
 
 LIMIT = 0.02
 """Largest error of a position, or of a velocity, as a part of the column's size or of the mechanism's."""
@@ -88,7 +86,7 @@ def _attempt(name: str, scene: Scene) -> Trial:
         run, against = engine.run(scene, t_end=scene.t_end, settings={}, **arguments), (str(error),)
         if not isinstance(run, Trajectory):
             raise
-    found = judged(scene, result_table(run.to_frame(events=True), scene), ground_truth(scene))
+    found = judge(scene, run)
     stopped = () if run.termination == "end" else (f"stopped: {run.termination}",)
     if faults := (*stopped, *_faults(found)) or against:
         return Trial(scene.name, "wrong", faults)

@@ -127,7 +127,7 @@ def _stick_phases(judged: Judgement) -> Iterator[TracedText]:
 
 def _jumps(judged: Judgement) -> Iterator[TracedText]:
     table = judged.tables["jumps"]
-    for effort, rows in table.groupby("effort", sort=False):
+    for effort, rows in table.groupby("effort", sort=False) if len(table) else ():
         is_read = rows["resolved"].astype(bool)
         worst = traced(", at most {} N m off", value(
             "jumps", table, rows[is_read]["jump error [N m]"].abs().idxmax(), "jump error [N m]", "",

@@ -165,15 +165,13 @@ def _not_judged(judged: Judgement) -> Iterator[TracedText]:
 
 def _tables(judged: Judgement) -> Iterator[TableView]:
     errors = judged.tables["errors"]
-    columns = (Column("column"), Column("error"), Column("unit"), Column("measure"), Column("at t [s]", form=".6g"),
-               Column("size", form=".3g"), Column("tier"), Column("hint"))
-    shown = errors.assign(error=[value("errors", errors, i, "error").text if pd.notna(errors.at[i, "error"]) else ""
-                                 for i in errors.index])
+    columns = (Column("column"), Column("error", uncertainty="uncertainty"), Column("unit"), Column("measure"),
+               Column("at t [s]", form=".6g"), Column("size", form=".3g"), Column("tier"), Column("hint"))
     kinds = errors.dropna(subset="error").groupby("unit", sort=False)["error"].idxmax()
     views = (
-        view("worst", "Of each kind of column that with the largest error.", shown.loc[kinds], columns,
-             source="errors", in_report=False),
-        view("errors", "Errors of all columns.", shown, columns),
+        view("worst", "Of each kind of column that with the largest error.", errors.loc[kinds], columns, source="errors",
+             in_report=False),
+        view("errors", "Errors of all columns.", errors, columns),
         view("stick-phases", "Stick phases.", judged.tables["stick-phases"],
              (Column("guide"), Column("begin [s]", form=".6f"), Column("end [s]", form=".6f"),
               Column("duration [s]", form=".3g"), Column("samples"), Column("verdict"),

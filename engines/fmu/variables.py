@@ -2,21 +2,7 @@
 
 A variable with the name of a column, such as ``slider.x``, is that column; one with the name of a parameter of the
 scene, or of a number in it, such as ``joints.guide.mu``, is set. What is named otherwise, and what the FMU can do,
-stands in ``model.map.toml`` next to ``model.fmu``:
-
-    scene = "slider-bar-*"                          # names of its scenes, as the text parameter stiction.scene has them
-    interface = "model exchange"                    # of an FMU that has both; else co-simulation
-
-    [columns]                                       # column = "variable", "-variable", or a number where it has none
-    slider.x = "s"
-    slider.y = 0
-
-    [parameters]                                    # of the scene = "variable"; "" sets nothing
-    mu = "friction.mu"
-
-    [capabilities]
-    friction_law = "Coulomb, set-valued"            # as of a program
-    locates_events = true                           # its events of model exchange change the variables GUIDE.mode
+stands in ``model.map.toml`` next to ``model.fmu``: `Map`; docs/how-to/fmu.md shows one.
 """
 
 from __future__ import annotations
@@ -54,8 +40,8 @@ def flattened(tables: Any) -> Any:
         return tables
     found: dict[str, Any] = {}
     for key, value in tables.items():
-        inner = flattened(value)
-        found |= {f"{key}.{rest}": one for rest, one in inner.items()} if isinstance(value, Mapping) else {key: value}
+        found |= {f"{key}.{rest}": one for rest, one in flattened(value).items()} if isinstance(value, Mapping) else {
+            key: value}
     return found
 
 
@@ -67,7 +53,13 @@ class FmuDeclared(Declared):
 
 
 class Map(Model):
-    """Names in an FMU that are not the scene's, and what it can do, as the module says."""
+    """Names in an FMU that are not the scene's, and what it can do.
+
+    `scene`: its scenes, as `SCENE` has them. `interface`: of an FMU that has both, else co-simulation. `columns`:
+    column -> ``"variable"``, ``"-variable"``, or a number where the FMU has none. `parameters`: name of a parameter or
+    number of the scene -> ``"variable"``; ``""`` sets nothing. Of the capabilities `locates_events` says that events of
+    model exchange change the variables ``GUIDE.mode``.
+    """
 
     scene: StrictStr = ""
     interface: Literal["co-simulation", "model exchange", ""] = ""
@@ -91,10 +83,10 @@ class Variables:
     def problems(self) -> Iterator[Problem]:
         """Yield what the map names and the FMU does not have."""
         known = self.by_name
-        named = [(f"columns.{key}", value, value.removeprefix("-")) for key, value in self.map.columns.items()
-                 if isinstance(value, str)]
-        named += [(f"parameters.{key}", value, value) for key, value in self.map.parameters.items() if value]
-        for key, value, name in named:
+        named = {f"columns.{key}": value for key, value in self.map.columns.items() if isinstance(value, str)}
+        named |= {f"parameters.{key}": value for key, value in self.map.parameters.items() if value}
+        for key, value in named.items():
+            name = value.removeprefix("-") if key.startswith("columns.") else value
             if name not in known:
                 yield Problem(key, shown(value), f"expected a variable of the FMU: {names(known)}"
                                                  f"{did_you_mean(name, known)}")

@@ -258,7 +258,7 @@ def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -
 
 
 def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> Iterator[tuple[Any, ...]]:
-    """Stick phases of the truth as far as the table goes, and rests of the table where the truth slips: rows `PHASE`."""
+    """Stick phases of the truth as far as the table goes, and rests of the table where the truth slips."""
     t, true, slip, mode = full.t, truth(full.t), f"{guide}.slip_velocity", f"{guide}.mode"
     if slip not in true or (slip not in full and mode not in full):
         return

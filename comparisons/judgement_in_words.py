@@ -162,8 +162,8 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
                Column("at t [s]", form=".6g"), Column("size", form=".3g"), Column("tier"), Column("hint"))
     kinds = errors.dropna(subset="error").groupby("unit", sort=False)["error"].idxmax()
     views = (
-        view("worst", "Of each kind of column that with the largest error.", errors.loc[kinds], columns, source="errors",
-             in_report=False),
+        view("worst", "Of each kind of column that with the largest error.", errors.loc[kinds], columns,
+             source="errors", in_report=False),
         view("errors", "Errors of all columns.", errors, columns),
         view("stick-phases", "Stick phases.", judged.tables["stick-phases"],
              (Column("guide"), Column("begin [s]", form=".6f"), Column("end [s]", form=".6f"),

@@ -6,7 +6,7 @@ Nothing is interpolated between samples of the table but the error itself, where
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd

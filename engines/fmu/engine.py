@@ -200,9 +200,11 @@ def _logger(said: list[str]) -> Callable[..., None]:
 @contextmanager
 def _noting(failures: list[BaseException]) -> Iterator[None]:
     """Note what is raised in a callback of C, behind which nobody else sees it."""
-    before = sys.unraisablehook
-    sys.unraisablehook = lambda lost: (failures.append(lost.exc_value) if "ctypes" in str(lost.err_msg)
-                                       else before(lost))
+    def note(lost: Any) -> None:
+        if "ctypes" in str(lost.err_msg):
+            failures.append(lost.exc_value)
+
+    before, sys.unraisablehook = sys.unraisablehook, note
     try:
         yield
     finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -67,10 +68,10 @@ def schema(out: Annotated[Path | None, typer.Option(
            ) -> None:
     """Print the JSON schema of the scene format, for editors, or of resolved scenes, for programs."""
     from stiction.comparisons.atomic_files import write_text
-    from stiction.scenes.resolved import resolved_schema_text
+    from stiction.scenes.resolved import resolved_schema
     from stiction.scenes.schema import scene_schema_text
 
-    text = resolved_schema_text() if resolved else scene_schema_text()
+    text = json.dumps(resolved_schema(), indent=1) + "\n" if resolved else scene_schema_text()
     if out is None:
         print(text, end="")
     else:

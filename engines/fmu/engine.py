@@ -6,6 +6,7 @@ import math
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
@@ -15,7 +16,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from stiction.engines.examined import changed_modes
-from stiction.engines.fmu.variables import CO_SIMULATION, MODEL_EXCHANGE, FmuDeclared, Map, Variables
+from stiction.engines.fmu.variables import CO_SIMULATION, MODEL_EXCHANGE, Map, Variables
 from stiction.engines.protocol import EngineFailure, accepted
 from stiction.engines.registry import EngineMissing
 from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine, read_declaration
@@ -36,13 +37,6 @@ class FmuEngine(DeclaredEngine):
     fmpy's CVode integrates to rtol and locates events; where fmpy has no CVode, Euler's method steps by dt.
     Accelerations that the FMU does not give are differences of velocities, and forces follow from the balance of
     momentum. The setting `logging` turns the FMU's debug logging on: what it logs is in the reason of a failed run.
-
-    Raises
-    ------
-    FileError
-        With what is wrong in the file or in its map.
-    EngineMissing
-        If fmpy is not installed, or the FMU has no binary for this machine.
     """
 
     version = ""
@@ -64,9 +58,10 @@ class FmuEngine(DeclaredEngine):
             raise EngineMissing(f"{self.name}: found {', '.join(found) or 'no binaries'}; expected one in "
                                 f"binaries/{folder}")
         self.solver = "" if self.interface == CO_SIMULATION else "CVode" if has_cvode() else "Euler"
-        self.declared = FmuDeclared.model_validate(
-            {**chosen.capabilities.model_dump(), "adaptive": chosen.capabilities.adaptive or self.solver == "CVode",
-             "locates_events": chosen.capabilities.locates_events and self.solver == "CVode"})
+        by_cvode = self.solver == "CVode"
+        self.declared = chosen.capabilities.model_copy(update={
+            "adaptive": chosen.capabilities.adaptive or by_cvode,
+            "locates_events": chosen.capabilities.locates_events and by_cvode})
 
     def content(self) -> bytes:
         chosen = self.map_file.read_bytes() if self.map_file.is_file() else b""
@@ -77,7 +72,7 @@ class FmuEngine(DeclaredEngine):
 
     def check_arguments(self, *, dt: float | None, rtol: float | None, fidelity: str,
                         settings: Mapping[str, Any]) -> None:
-        """Refuse what the interface does not take; co-simulation takes both, a step and a tolerance."""
+        """See `Engine.check_arguments`; co-simulation takes both, a step and a tolerance."""
         if self.interface == CO_SIMULATION:
             dt = rtol = None
         super().check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
@@ -103,17 +98,16 @@ class FmuEngine(DeclaredEngine):
         with self.reading():
             table = result_table(self.variables.columns(scene, rows), scene.model_copy(update={"t_end": t_end}),
                                  origin=self.name)
-        until = float(table.t[-1])
         chosen = {"dt": grid.dt if by_steps else None, "rtol": rtol, "interface": self.interface,
                   "solver": f"{self.solver} (fmpy)" if self.solver else None, LOGGING: logging,
                   "parameters": " ".join(f"{name}={value:.12g}" for name, value in values.items()),
                   "units without a definition, taken as SI": ", ".join(self.variables.undefined_units(scene)) or None}
+        until, cost = float(table.t[-1]), Cost(setup, 0.0, stepping, {"steps": grid.last} if by_steps else {})
         return self.trajectory(
             scene, table, lambda columns: [
                 Event(time, kind, guide, before, after) for time, before, after in table.jumps(columns)
                 for kind, guide in changed_modes(scene.frictional_guides, before, after)],
-            {key: value for key, value in chosen.items() if value is not None},
-            Cost(setup, 0.0, stepping, {"steps": grid.last} if by_steps else {}),
+            {key: value for key, value in chosen.items() if value is not None}, cost,
             "end" if until > (grid.last - 0.5) * grid.dt else f"the FMU ended the run at t = {until:.9g} s")
 
     def _simulate(self, scene: Scene, grid: Grid, rtol: float | None, values: Mapping[str, float],
@@ -154,10 +148,9 @@ class FmuEngine(DeclaredEngine):
 def has_cvode() -> bool:
     """Return True where fmpy has a library of CVode for this machine."""
     try:
-        import fmpy.sundials  # noqa: F401 - loads it
+        return bool(import_module("fmpy.sundials"))
     except OSError:
         return False
-    return True
 
 
 def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str]:

@@ -115,17 +115,14 @@ def result_table(frame: str | Path | pd.DataFrame | Mapping[str, Any], scene: Sc
         A row an instant, in order of time; columns by name. The time is the column ``t`` or ``time``, or the index. Or
         a file, .csv or .parquet: the heading of a CSV file may begin with ``#``, its cells are separated by commas,
         semicolons or tabs.
-    mapping
-        Name in the table -> the scene's name, as of `parse_map`; names that are the scene's need none.
-    units
-        Size in SI by what is measured, as of `parse_units`: of all columns, so that with ``mm`` and ``ms`` velocities
-        are mm/ms, and moments N mm.
+    mapping, units
+        As of `parse_map` and `parse_units`. Units are those of all columns: with ``mm`` and ``ms`` velocities are
+        mm/ms, and moments N mm.
 
     Raises
     ------
     ResultError
-        For a file that cannot be read, unknown names that resemble the scene's, missing or repeated columns, what is
-        no finite number, times that decrease or lie outside of 0 .. t_end, lengths that differ.
+        With all that is wrong in it.
     """
     if isinstance(frame, str | Path):
         frame, origin = _read(Path(frame)), str(frame)

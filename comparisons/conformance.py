@@ -38,10 +38,7 @@ ADDED: Mapping[str, str] = {
 
 
 class Trial(NamedTuple):
-    """Result of one scene, and sentences on it.
-
-    The verdict is ``"right"``, ``"wrong"``, ``"refused"``, or the status of an outcome that has no result (`Outcome`).
-    """
+    """Verdict on one scene, ``"right"``, ``"wrong"`` or the status of an `Outcome` without a value, and why."""
 
     scene: str
     verdict: str

@@ -51,17 +51,9 @@ PHASE = ["guide", "begin [s]", "end [s]", "duration [s]", "samples", "verdict", 
 class Judgement:
     """What a table of results is worth.
 
-    Attributes
-    ----------
-    scene : Scene
-    table : ResultTable
-    truth : Truth
-    tables : Mapping[str, DataFrame]
-        ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``: rows may be
-        none.
-    trajectory : Trajectory
-        The table, one row per instant, both sides of jumps as events, with displacements, slip velocities and drift
-        that follow from its columns.
+    `tables`: ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``; there may
+    be no rows. `trajectory`: the table, one row per instant, both sides of jumps as events, with displacements, slip
+    velocities and drift that follow from its columns.
     """
 
     scene: Scene
@@ -124,8 +116,7 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     Parameters
     ----------
     scene
-        A scene, the name of one of the catalogue, a TOML file, or the folder of a scene in a data set of truths, whose
-        truth is then read and not solved.
+        Or its name in the catalogue, a TOML file, or its folder in a data set of truths, which are read and not solved.
     frame
         A CSV or Parquet file, a DataFrame, a mapping of arrays or a Trajectory: a time column ``t`` and one or more of
         the scene's columns.
@@ -221,8 +212,7 @@ def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
 
     Without velocities a slip velocity is the difference quotient of displacements.
     """
-    columns: dict[str, np.ndarray] = {}
-    moves = _has(found.columns, scene, VELOCITIES)
+    columns, moves = dict[str, np.ndarray](), _has(found.columns, scene, VELOCITIES)
     if _has(found.columns, scene, POSITIONS):
         mechanism = Mechanism(scene, stabilization="none")
         q = stacked(found.columns, scene.bodies, POSITIONS)
@@ -248,9 +238,8 @@ def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -
     row: dict[str, Any] = {
         "instants with two sides": len(full.events), "begins at [s]": float(table.t[0]),
         "ends at [s]": float(table.t[-1]), "t_end [s]": scene.t_end, "sample distance [s]": _step(full.t),
+        **(drift(full) if "drift.position" in full and "drift.velocity" in full else {}),
         **errors(full, truth, size_of(scene))}
-    if "drift.position" in full and "drift.velocity" in full:
-        row |= {name: value for name, value in drift(full).items() if name != "truth tier"}
     if all(name in table.columns for name in needed_columns(scene)):
         row |= zip(("energy error [J]", "energy uncertainty [J]", "energy exchanged [J]"),
                    unaccounted_energy(scene, table.t, table.columns))

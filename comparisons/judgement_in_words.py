@@ -137,23 +137,21 @@ def _not_judged(judged: Judgement) -> Iterator[TracedText]:
     faults = judged.tables["findings"]
     for row in faults.index:
         yield traced("Its columns do not fit: {}.", value("findings", faults, row, "finding"))
-    scene, run = judged.scene, judged.trajectory
+    scene, run, given = judged.scene, judged.trajectory, judged.table.columns
     slips = any(f"{guide}.{label}" in run for guide in scene.frictional_guides for label in ("slip_velocity", "mode"))
     efforts = any(f"{drive}.effort" in run for drive in scene.drives)
     wanting = {"stick phases (displacement, slip velocity or mode of guides, or positions of all bodies)":
                scene.frictional_guides and not slips,
                "jumps (efforts of drives)": scene.frictional_guides and scene.drives and not efforts,
                "constraint drift (positions of all bodies)": "drift.position" not in run,
-               f"energy ({names([name for name in needed_columns(scene) if name not in judged.table.columns])})":
+               f"energy ({names([name for name in needed_columns(scene) if name not in given])})":
                "energy error [J]" not in judged.tables["summary"]}
     known = set(judged.tables["errors"]["column"])
-    unknown = [name for name in judged.table.columns if judged.truth.tier != NO_TRUTH and name not in known
+    unknown = [name for name in given if judged.truth.tier != NO_TRUTH and name not in known
                and not name.endswith(".mode") and not name.startswith("drift.")]
-    for template, which in (
-            ("Not judged, for want of columns: {}.", "; ".join(what for what, lacks in wanting.items() if lacks)),
-            ("The truth does not have {}.", names(unknown)),
-            ("Columns that are none of the scene's: {}.", names(judged.table.left_out))):
-        yield sentence(template, which)
+    yield sentence("Not judged, for want of columns: {}.", "; ".join(what for what, lacks in wanting.items() if lacks))
+    yield sentence("The truth does not have {}.", names(unknown))
+    yield sentence("Columns that are none of the scene's: {}.", names(judged.table.left_out))
 
 
 def _tables(judged: Judgement) -> Iterator[TableView]:

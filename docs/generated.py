@@ -9,7 +9,6 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from inspect import cleandoc
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from stiction.cli.app import app
 from stiction.cli.describe import fidelities_of, table_of_defaults
 from stiction.comparisons.campaigns import history
 from stiction.engines import EngineMissing, load_engine
-from stiction.engines.program import declaration
+from stiction.engines.program.declaration import PLACEHOLDERS
 from stiction.reference_impl import paper
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS
 from stiction.scenes import catalogue, load_scene, new_scene_text
@@ -208,15 +207,10 @@ def night_history() -> str:
     return f"```text\n{inspect.getdoc(history)}\n```\n"
 
 
-def program_declaration() -> str:
-    """A declaration of a program with every key."""
-    return f"```toml\n{cleandoc(declaration.__doc__.partition(chr(10))[2])}\n```\n"
-
-
 def placeholders() -> str:
     """The words in braces that a command may have."""
     return _table(("in an argument", "is replaced by"), [(f"`{{{name}}}`", words)
-                                                         for name, words in declaration.PLACEHOLDERS.items()])
+                                                         for name, words in PLACEHOLDERS.items()])
 
 
 def laws(file: str) -> str:
@@ -230,7 +224,7 @@ def laws(file: str) -> str:
 GENERATED: dict[str, Callable[..., str]] = {
     function.__name__: function for function in (
         scene_format, new_scene, arithmetic, symbols, columns, scenes, engine, breakdowns, command_line, python,
-        night_history, program_declaration, placeholders, laws)}
+        night_history, placeholders, laws)}
 
 if __name__ == "__main__":
     write(Path(__file__).parent)

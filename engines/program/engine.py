@@ -51,7 +51,7 @@ class _Report(Model):
 
 
 class ProgramEngine(DeclaredEngine):
-    """A program that is declared in a TOML file (`stiction.engines.program.declaration`).
+    """A program that is declared in a TOML file (docs/how-to/program.md).
 
     It reads a scene in its resolved form, and writes a table: ``t``, positions and velocities of all bodies, and what
     it has of accelerations, reactions, frictions and modes, by the names of columns. Accelerations that it does not

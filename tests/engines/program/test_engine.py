@@ -1,6 +1,5 @@
 """A program as an engine: what it is given, what becomes of its result, and what becomes of its failures."""
 
-import inspect
 import json
 import os
 import sys
@@ -20,7 +19,6 @@ from stiction.comparisons.timing.rounds import seconds_of
 from stiction.comparisons.variants import Record
 from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Outcome, Refused, UnknownEngine,
                               load_engine, run_isolated)
-from stiction.engines.program import declaration
 from stiction.engines.program.declaration import Declaration
 from stiction.engines.shared.declared_engine import DIFFERENCES
 from stiction.scenes import FileError, InputError, load_scene, scene_from_dict, vary
@@ -278,8 +276,10 @@ class TestDeclaration:
         with pytest.raises(InputError, match=words):
             load_engine(program(**change))
 
-    def test_example_of_the_module_is_one_and_other_files_are_refused(self, tmp_path):
-        text = inspect.getdoc(declaration).partition("\n")[2]
+    def test_example_of_the_documentation_is_one_and_other_files_are_refused(self, tmp_path):
+        page = (Path(__file__).parents[3] / "docs" / "how-to" / "program.md").read_text(encoding="utf-8")
+        [text] = [block for block in page.split("```toml\n") if block.startswith('name = "mine"')]
+        text = text.partition("```")[0]
         assert Declaration.model_validate(tomllib.loads(text)).capabilities.friction_law
         (tmp_path / "x.toml").write_text("name = ")
         with pytest.raises(FileError, match="file"):

@@ -92,8 +92,7 @@ class FmuEngine(DeclaredEngine):
             rtol = rtol or DEFAULT_RTOL
             dt = t_end / math.ceil(t_end / output_step - 1e-9)
         grid = Grid.of(t_end, step_of(dt, t_end), output_step)
-        values = self.variables.settable(scene)
-        logging = {**self.default_settings(fidelity), **settings}[LOGGING]
+        values, logging = self.variables.settable(scene), settings.get(LOGGING, False)
         rows, setup, stepping = self._simulate(scene, grid, rtol, values, logging)
         with self.reading():
             table = result_table(self.variables.columns(scene, rows), scene.model_copy(update={"t_end": t_end}),

@@ -54,10 +54,7 @@ def conformance_scenes() -> list[Scene]:
 
 
 def conformance(engine: str, timeout_s: float) -> Iterator[Trial]:
-    """Yield a trial of each scene up to the first that is wrong, `timeout_s` seconds each; a refusal is none.
-
-    InputError if there is no such engine.
-    """
+    """Yield a trial of each scene up to the first that is wrong, `timeout_s` seconds each; a refusal is none."""
     load_engine(engine)
     for scene in conformance_scenes():
         [outcome] = isolate([Task(scene.name, _attempt, (absolute_name(engine), scene))], workers=1,

@@ -71,13 +71,7 @@ def is_truth_folder(name: str | Path) -> bool:
 
 
 def read_truth(folder: Path) -> tuple[Scene, Truth]:
-    """Read the scene and the truth of a folder; nothing is solved.
-
-    Raises
-    ------
-    TruthFolderError
-        For a folder of another kind or version, and where a file is not the one that was written.
-    """
+    """Read the scene and the truth of a folder; nothing is solved. TruthFolderError with all that is wrong in it."""
     sums, about = folder / SUMS, {}
     listed = set(sums.read_text(encoding="utf-8", errors="replace").splitlines()) if sums.is_file() else set()
     if not (folder / ABOUT).is_file():

@@ -25,14 +25,9 @@ MAIN = "README.md"
 
 def write_dataset(folder: Path, names: Iterable[str],
                   on_scene: Callable[[str], None] = lambda name: None) -> pd.DataFrame:
-    """Write the truths of scenes of the catalogue; return the index, a row per scene.
+    """Write the truths of scenes of the catalogue; return the index, a row per scene. What it refuses: `run_folder`.
 
     A scene whose only truth is our own run, or that has none, is left out.
-
-    Raises
-    ------
-    FolderRefused
-        For a folder with anything but an earlier data set.
     """
     about, code = distribution("stiction"), resources.files("stiction.reports")
     # of an installation in its metadata, of a checkout a file beside the packages

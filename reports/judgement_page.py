@@ -17,13 +17,7 @@ MAIN = "judgement.md"
 
 
 def write_judgement(judged: Judgement, folder: Path) -> Path:
-    """Write page, figure (SVG, PDF) and tables (CSV, Parquet); return the page.
-
-    Raises
-    ------
-    FolderRefused
-        For a folder with other files, as `run_folder` says.
-    """
+    """Write page, figure (SVG, PDF) and tables (CSV, Parquet); return the page. What it refuses: `run_folder`."""
     said = judged.presentation
     parts = [f"# {judged.table.origin} on {judged.scene.name}", f"**{said.answer.text}**",
              "\n".join(f"- {part.text}" for part in said.findings)]

@@ -46,13 +46,7 @@ def resolved_text(scene: Scene) -> str:
 
 
 def load_resolved(text: str, origin: str = "<resolved scene>") -> Scene:
-    """Make a scene of the text of its resolved form.
-
-    Raises
-    ------
-    SceneError
-        For text that is not JSON, of another format or of another version, and as `scene_from_dict`.
-    """
+    """Make a scene of the text of its resolved form; SceneError as of `scene_from_dict`, and for another format."""
     try:
         found = _Resolved.model_validate_json(text)
     except ValidationError as error:

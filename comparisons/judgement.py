@@ -155,7 +155,7 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
         "errors": column_errors(table, given, truth, scene),
         "summary": pd.DataFrame([_summary(scene, table, replace(full, columns={**full.columns, **derived}), truth)]),
         "stick-phases": pd.DataFrame(phases, columns=PHASE),
-        "jumps": pd.DataFrame(_jumps(scene, full, truth)),
+        "jumps": pd.DataFrame([*_jumps(scene, full, truth)] or {"effort": []}),
         "findings": pd.DataFrame({"finding": list(_findings(scene, full, given.columns))}, dtype=object)}, full)
 
 

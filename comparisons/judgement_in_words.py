@@ -120,7 +120,7 @@ def _stick_phases(judged: Judgement) -> Iterator[TracedText]:
 
 def _jumps(judged: Judgement) -> Iterator[TracedText]:
     table = judged.tables["jumps"]
-    for effort, rows in table.groupby("effort", sort=False) if len(table) else ():
+    for effort, rows in table.groupby("effort", sort=False):
         read = rows[rows["resolved"]]
         worst = traced(", at most {} N m off", value(
             "jumps", table, read["jump error [N m]"].abs().idxmax(), "jump error [N m]", "",

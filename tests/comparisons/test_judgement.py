@@ -176,7 +176,7 @@ class TestTruths:
 
     def test_a_scene_without_friction(self, compiled):
         judged = judge("pendulum", true_table(name="pendulum"))
-        assert judged.error < 1e-12 and judged.tables["stick-phases"].empty
+        assert judged.error < 1e-12 and judged.tables["stick-phases"].empty and list(judged.tables["jumps"]) == ["effort"]
 
 
 def test_events_of_a_table_without_modes_are_those_of_the_truth(compiled):

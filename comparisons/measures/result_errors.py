@@ -65,22 +65,22 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
             mean = effort_error(trajectory, truth, name)
             error, unsure, measure = mean.value, mean.uncertainty, "mean over time"
         known = np.isfinite(found).all() and size > KNOWN * truth.uncertainty.get(name, 0.0) and single.any()
-        cause = hint(found[single], after[name][single], off[single], unit) if known else None
-        rows.append((name, unit, size, tier, time, error, unsure, measure, *(cause or Hint())))
+        cause = hint(found[single], after[name][single], off[single], unit) if known else Hint()
+        rows.append((name, unit, size, tier, time, error, unsure, measure, *cause))
     return pd.DataFrame(rows, columns=COLUMNS).astype({"at t [s]": float, "error": float})
 
 
-def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hint | None:
-    """Return the cause that explains the differences `off` of a column from the truth; None without any.
+def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hint:
+    """Return what explains the differences `off` of a column from the truth, all of shape (n,); empty if nothing does.
 
-    All of shape (n,). Causes are other units, the other sign, a step early or late, another origin.
+    Causes are other units, the other sign, a step early or late, another origin.
     """
     error, size = float(np.mean(np.abs(off))), float(np.mean(np.abs(true)))
     if not error > SLIGHT * size:
-        return None
+        return Hint()
     left, best = min((float(np.mean(np.abs(other))), cause)
                      for cause, other in _causes(found, true, off, unit, error > COARSE * size))
-    return best if left <= EXPLAINS * min(error, size) else None
+    return best if left <= EXPLAINS * min(error, size) else Hint()
 
 
 def _causes(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str,

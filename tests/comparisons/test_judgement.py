@@ -7,8 +7,8 @@ import pytest
 import stiction
 from stiction.comparisons.judgement import FOUND, INVENTED, MISSED, UNRESOLVED, judge
 from stiction.comparisons.measures.scene_truth import ground_truth
-from stiction.scenes import InputError, load_scene
-from stiction.scenes.result_table import ResultError, parse_units
+from stiction.scenes import load_scene
+from stiction.scenes.result_table import parse_units
 from stiction.scenes.trajectory import events_frame
 
 CASE = "slider-bar-case-1"
@@ -183,9 +183,3 @@ def test_events_of_a_table_without_modes_are_those_of_the_truth(compiled):
     judged = judge(CASE, only(true_table(two_sided=True), ".x", ".effort"))
     found, true = events_frame(judged.trajectory.events), events_frame(judged.truth.events)
     assert list(found["kind"]) == list(true["kind"])
-
-
-@pytest.mark.parametrize("wrong", [b"", 3, {"t": [0, 1]}, "nowhere.csv", pd.DataFrame()])
-def test_what_is_no_table(wrong):
-    with pytest.raises((ResultError, InputError)):
-        judge(CASE, wrong)

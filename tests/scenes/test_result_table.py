@@ -85,7 +85,7 @@ def test_forces_may_be_open_only_where_several_guides_can_leave_them_open():
     (pd.DataFrame({"slider.x": [0.0, 1.0]}), "--map MINE=t"),
     (pd.DataFrame({"t": [0.0], "slider.x": [0.0]}), "2"),
     (pd.DataFrame({"t": np.repeat([0.0, 1.0], 10), "slider.x": 0.0}), "digits"),
-    (pd.DataFrame(), "columns"), ({"t": [0, 1], "slider.x": [0]}, "length"), ([1, 2], "list"),
+    (pd.DataFrame(), "columns"), ({"t": [0, 1], "slider.x": [0]}, "length"), ([1, 2], "list"), (b"", "bytes"),
     (pd.DataFrame([[0, 1, 2], [1, 2, 3]], columns=["t", "slider.x", "slider.x"]), "second")])
 def test_what_cannot_be_a_result_is_refused(frame, words):
     with pytest.raises(ResultError, match=words):

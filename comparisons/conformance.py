@@ -11,27 +11,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stiction.comparisons.judgement import Judgement, judged
+from stiction.comparisons.judgement import Judgement, judge
 from stiction.comparisons.measures.accuracy import size_of
-from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.variants import physics_of
 from stiction.engines.isolation import Task, isolate
 from stiction.engines.protocol import BadTrajectory
 from stiction.engines.registry import absolute_name, load_engine
 from stiction.scenes import Scene, Trajectory, load_scene, scene_from_dict, vary
-from stiction.scenes.result_table import result_table
 
 LIMIT = 0.02
 """Largest error of a position, or of a velocity, as a part of the column's size or of the mechanism's."""
 STEP, TOLERANCE, OUTPUT_STEP = 1e-3, 1e-8, 0.01
 """Seconds, relative, seconds."""
-_FREE = {"t_end": 1, "gravity": [0.5, -9.81],
-         "bodies": {"stone": {"mass": 2, "inertia": 0.3, "position": [1, 2], "angle": 0.5, "velocity": [3, 1],
-                              "angular_velocity": 2}}}
-_PENDULUM = {"t_end": 1, "gravity": [0, -9.81],
-             "bodies": {"bar": {"mass": 2, "inertia": 0.2, "position": [0.3, -0.4], "angle": 0.4}},
-             "joints": {"pin": {"type": "revolute", "bodies": ["bar", "ground"],
-                                "points": [["-0.3*cos(0.4) + 0.4*sin(0.4)", "0.3*sin(0.4) + 0.4*cos(0.4)"], [0, 0]]}}}
+_STONE = {"mass": 2, "inertia": 0.3, "position": [1, 2], "angle": 0.5, "velocity": [3, 1], "angular_velocity": 2}
+_BAR = {"mass": 2, "inertia": 0.2, "position": [0.3, -0.4], "angle": 0.4}
+_PIN = {"type": "revolute", "bodies": ["bar", "ground"],
+        "points": [["-0.3*cos(0.4) + 0.4*sin(0.4)", "0.3*sin(0.4) + 0.4*cos(0.4)"], [0, 0]]}
 ADDED: Mapping[str, str] = {
     "free-body": "the start, weight, and the table itself",
     "pendulum-on-a-pin": "a pin: points[0] is in the axes of bodies[0], from its centre of mass, and turns with "
@@ -43,10 +38,7 @@ ADDED: Mapping[str, str] = {
 
 
 class Trial(NamedTuple):
-    """Result of one scene, and sentences on it.
-
-    The verdict is ``"right"``, ``"wrong"``, ``"refused"``, or the status of an outcome that has no result (`Outcome`).
-    """
+    """Verdict on one scene, ``"right"``, ``"wrong"`` or the status of an `Outcome` without a value, and why."""
 
     scene: str
     verdict: str
@@ -55,15 +47,14 @@ class Trial(NamedTuple):
 
 def conformance_scenes() -> list[Scene]:
     """Return the scenes: a free body, a pendulum on a pin, a block on an incline, the slider-bar."""
-    return [scene_from_dict(_FREE, name="free-body"), scene_from_dict(_PENDULUM, name="pendulum-on-a-pin"),
+    free = {"t_end": 1, "gravity": [0.5, -9.81], "bodies": {"stone": _STONE}}
+    pendulum = {"t_end": 1, "gravity": [0, -9.81], "bodies": {"bar": _BAR}, "joints": {"pin": _PIN}}
+    return [scene_from_dict(free, name="free-body"), scene_from_dict(pendulum, name="pendulum-on-a-pin"),
             vary(load_scene("block-on-incline"), {"t_end": 1}), vary(load_scene("slider-bar-case-1"), {"t_end": 3})]
 
 
 def conformance(engine: str, timeout_s: float) -> Iterator[Trial]:
-    """Yield a trial of each scene up to the first that is wrong, `timeout_s` seconds each; a refusal is none.
-
-    `engine` is the name of any engine; InputError if there is none.
-    """
+    """Yield a trial of each scene up to the first that is wrong, `timeout_s` seconds each; a refusal is none."""
     load_engine(engine)
     for scene in conformance_scenes():
         [outcome] = isolate([Task(scene.name, _attempt, (absolute_name(engine), scene))], workers=1,
@@ -76,22 +67,21 @@ def conformance(engine: str, timeout_s: float) -> Iterator[Trial]:
 
 def _attempt(name: str, scene: Scene) -> Trial:
     """The trial of a scene, in the child."""
-    engine = load_engine(name)
+    engine, against = load_engine(name), []
     can, fidelity = engine.capabilities, engine.capabilities.fidelities[0]
     scene = physics_of(scene, can.static_coefficient.get(fidelity, False))
-    arguments: dict[str, Any] = {"fidelity": fidelity, "output_step": OUTPUT_STEP, "dt": None, "rtol": None,
-                                 **({"rtol": TOLERANCE} if can.adaptive else {"dt": STEP})}
-    against: tuple[str, ...] = ()
+    arguments: dict[str, Any] = {"fidelity": fidelity, "output_step": OUTPUT_STEP,
+                                 "dt": None if can.adaptive else STEP, "rtol": TOLERANCE if can.adaptive else None}
     try:
         run = engine.simulate(scene, **arguments)
     except BadTrajectory as error:  # what no comparison takes says most about mistakes
-        run, against = engine.run(scene, t_end=scene.t_end, settings={}, **arguments), (str(error),)
+        run, against = engine.run(scene, t_end=scene.t_end, settings={}, **arguments), [str(error)]
         if not isinstance(run, Trajectory):
             raise
-    found = judged(scene, result_table(run.to_frame(events=True), scene), ground_truth(scene))
-    stopped = () if run.termination == "end" else (f"stopped: {run.termination}",)
-    if faults := (*stopped, *_faults(found)) or against:
-        return Trial(scene.name, "wrong", faults)
+    found = judge(scene, run)
+    stopped = [] if run.termination == "end" else [f"stopped: {run.termination}"]
+    if faults := [*stopped, *_faults(found)] or against:
+        return Trial(scene.name, "wrong", tuple(faults))
     return Trial(scene.name, "right", (f"position error {found.error:.2g} m",))
 
 
@@ -100,21 +90,19 @@ def _faults(found: Judgement) -> Iterator[str]:
     t, scene = found.table.t, found.scene
     if not found.is_complete:
         yield f"time grid: goes from {t[0]:g} to {t[-1]:g} s; expected 0 to {scene.t_end:g} s"
-    rows = found.tables["errors"]
-    sizes = np.maximum(rows["size"].astype(float), size_of(scene))
-    wrong = rows[(rows["measure"] == "largest") & (rows["error"] > LIMIT * sizes)]
-    causes: dict[str, list[str]] = {}
-    for column, hint in zip(wrong["column"], wrong["hint"]):
-        causes.setdefault(_exchanged(found, column) or hint, []).append(column)
-    if "" in causes:  # then what seems to explain some of the columns is chance
-        true, columns = found.truth(t), list(wrong["column"])
-        off = [np.abs(found.table.columns[name] - true[name]) > LIMIT * size
-               for name, size in zip(columns, sizes[wrong.index])]
-        yield (f"{', '.join(columns)}: wrong from t = {t[np.argmax(np.any(off, axis=0))]:.3g} s on; no unit, sign or "
+    rows = found.tables["errors"].set_index("column")
+    limits = LIMIT * np.maximum(rows["size"], size_of(scene))
+    wrong = rows[(rows["measure"] == "largest") & (rows["error"] > limits)]
+    causes = {column: _exchanged(found, column) or hint for column, hint in wrong["hint"].items()}
+    if "" in causes.values():  # then what seems to explain some of the columns is chance
+        true = found.truth(t)
+        off = [np.abs(found.table.columns[name] - true[name]) > limits[name] for name in causes]
+        yield (f"{', '.join(causes)}: wrong from t = {t[np.argmax(np.any(off, axis=0))]:.3g} s on; no unit, sign or "
                "order of columns explains it")
         yield f"new in this scene: {ADDED[scene.name]}"
     else:
-        yield from (f"{', '.join(columns)}: {cause}" for cause, columns in causes.items())
+        for cause in dict.fromkeys(causes.values()):
+            yield f"{', '.join(column for column in causes if causes[column] == cause)}: {cause}"
     if len(wrong):
         yield from (f"its columns do not fit: {finding}" for finding in found.tables["findings"]["finding"])
 
@@ -123,8 +111,7 @@ def _exchanged(found: Judgement, column: str) -> str:
     """Say whose values a column has, if it has those of another one."""
     values, true = found.table.columns[column], found.truth(found.table.t)
     unit = found.tables["errors"].set_index("column")["unit"]
-    for other in unit.index[unit == unit[column]]:
-        reach = float(np.ptp(true[other]))
-        if other != column and reach > 0 and np.max(np.abs(values - true[other])) <= LIMIT * reach:
+    for other in unit.index[unit == unit[column]].drop(column):
+        if np.max(np.abs(values - true[other])) <= LIMIT * np.ptp(true[other]) > 0:
             return f"has the values of {other}: order of bodies, points or columns?"
     return ""

@@ -6,9 +6,9 @@ is there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +21,13 @@ from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.result_errors import TURN, column_errors
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
-from stiction.comparisons.measures.torque_jumps import SAMPLES, torque_table
+from stiction.comparisons.measures.torque_jumps import SAMPLES, jump_rows
 from stiction.comparisons.presentation.presentation import Presentation
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.truth.truth import Columns
 from stiction.comparisons.truth_folder import is_truth_folder, read_truth
-from stiction.comparisons.variants import Record, Variant
 from stiction.engines import coherence
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate, changed_modes
-from stiction.engines.isolation import Outcome
 from stiction.reference_impl.energies import needed_columns, unaccounted_energy
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
@@ -40,10 +38,9 @@ from stiction.scenes.trajectory import stacked
 
 FEW = 0.1
 """Part of the time of a scene that a step may take at most, for a table to cover it."""
-STILL = 1e-3
-"""Part of the largest true slip speed below which a sample is at rest."""
-ROUNDED = 1e-6
-"""Slip speeds below this part of the mechanism's size over the time of the scene are rounding."""
+STILL, ROUNDED = 1e-3, 1e-6
+"""A sample is at rest below this part of the largest true slip speed; a speed below that part of the mechanism's size
+over the time of the scene is rounding."""
 RESOLVED = 3
 """Samples within a stick phase, at least, for a table to show it: the first and the last may belong to its ends."""
 PHASE = ["guide", "begin [s]", "end [s]", "duration [s]", "samples", "verdict", "fastest slip [m/s]"]
@@ -54,17 +51,9 @@ PHASE = ["guide", "begin [s]", "end [s]", "duration [s]", "samples", "verdict", 
 class Judgement:
     """What a table of results is worth.
 
-    Attributes
-    ----------
-    scene : Scene
-    table : ResultTable
-    truth : Truth
-    tables : Mapping[str, DataFrame]
-        ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``: rows may be
-        none.
-    trajectory : Trajectory
-        The table, one row per instant, both sides of jumps as events, with displacements, slip velocities and drift
-        that follow from its columns.
+    `tables`: ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``; there may
+    be no rows. `trajectory`: the table, one row per instant, both sides of jumps as events, with displacements, slip
+    velocities and drift that follow from its columns.
     """
 
     scene: Scene
@@ -76,14 +65,16 @@ class Judgement:
     @property
     def error(self) -> float | None:
         """Largest error of positions, m, angles times the size of the mechanism; None where none is known."""
-        errors = self.in_metres("error")
-        return None if errors.isna().all() else float(errors.max())
+        return self._largest("error")
 
     @property
     def uncertainty(self) -> float | None:
         """Uncertainty of the truth of those positions, m."""
-        unsure = self.in_metres("uncertainty")
-        return None if unsure.isna().all() else float(unsure.max())
+        return self._largest("uncertainty")
+
+    def _largest(self, column: str) -> float | None:
+        metres = self.in_metres(column)
+        return None if metres.isna().all() else float(metres.max())
 
     def in_metres(self, column: str) -> pd.Series:
         """Return a column of ``errors``, angles times the size of the mechanism; nan for what is no position."""
@@ -94,7 +85,7 @@ class Judgement:
     def is_complete(self) -> bool:
         """True where the table goes from 0 to the end of the scene, but for a step."""
         t, end = self.trajectory.t, self.scene.t_end
-        step = (1 + 1e-6) * min(_step(self.trajectory), FEW * end)
+        step = (1 + 1e-6) * min(_step(t), FEW * end)
         return bool(t[0] <= step and t[-1] + step >= end)
 
     @property
@@ -125,8 +116,7 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     Parameters
     ----------
     scene
-        A scene, the name of one of the catalogue, a TOML file, or the folder of a scene in a data set of truths, whose
-        truth is then read and not solved.
+        Or its name in the catalogue, a TOML file, or its folder in a data set of truths, which are read and not solved.
     frame
         A CSV or Parquet file, a DataFrame, a mapping of arrays or a Trajectory: a time column ``t`` and one or more of
         the scene's columns.
@@ -152,39 +142,30 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
         scene = vary(scene, {"t_end": t_end})
     if isinstance(frame, Trajectory):
         frame = frame.to_frame(events=True)
-    return judged(scene, result_table(frame, scene, mapping, units), truth or ground_truth(scene))
-
-
-def judged(scene: Scene, table: ResultTable, truth: Truth) -> Judgement:
-    """Judge a table by a truth of the scene."""
+    table = result_table(frame, scene, mapping, units)
+    truth = truth or ground_truth(scene)
     table = _within(table, min(scene.t_end, truth.t_end))
     truth = replace(truth, columns=_remembering(truth.columns))
-    trajectory = trajectory_of(scene, table, truth)
-    derived = _derived(scene, trajectory)
-    full = replace(trajectory, columns={**derived, **trajectory.columns})
-    known = truth.tier != NO_TRUTH
-    jumps = [_jumps(full, truth, f"{drive}.effort") for drive in scene.drives
-             if known and f"{drive}.effort" in trajectory]
-    tables = {
-        "errors": column_errors(table, trajectory, truth, scene),
+    given = _trajectory(scene, table, truth)
+    derived = _derived(scene, given)
+    full = replace(given, columns={**derived, **given.columns})
+    phases = [] if truth.tier == NO_TRUTH else [
+        phase for guide in scene.frictional_guides for phase in _stick_phases(scene, full, truth, guide)]
+    return Judgement(scene, table, truth, {
+        "errors": column_errors(table, given, truth, scene),
         "summary": pd.DataFrame([_summary(scene, table, replace(full, columns={**full.columns, **derived}), truth)]),
-        "stick-phases": pd.DataFrame([row for name in scene.frictional_guides if known
-                                      for row in _stick_phases(scene, full, truth, name)], columns=PHASE),
-        "jumps": pd.concat([pd.DataFrame(columns=["effort"]), *jumps], ignore_index=True),
-        "findings": pd.DataFrame({"finding": list(_findings(scene, full, set(trajectory.columns)))}, dtype=object)}
-    return Judgement(scene, table, truth, tables, full)
+        "stick-phases": pd.DataFrame(phases, columns=PHASE),
+        "jumps": pd.DataFrame([*_jumps(scene, full, truth)] or {"effort": []}),
+        "findings": pd.DataFrame({"finding": list(_findings(scene, full, given.columns))}, dtype=object)}, full)
 
 
 def _remembering(columns: Columns) -> Columns:
     """Keep what was found: that of our own run is integrated at each call, and every column asks for the same times."""
-    known: dict[tuple[bytes, str], dict[str, np.ndarray]] = {}
+    @cache
+    def found(t: bytes, side: str) -> dict[str, np.ndarray]:
+        return columns(np.frombuffer(t), side)
 
-    def found(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        if (key := (t.tobytes(), side)) not in known:
-            known[key] = columns(t, side)
-        return known[key]
-
-    return found
+    return lambda t, side: found(t.tobytes(), side)
 
 
 def _within(table: ResultTable, t_end: float) -> ResultTable:
@@ -199,30 +180,29 @@ def _within(table: ResultTable, t_end: float) -> ResultTable:
                    columns=columns | {name: np.unwrap(columns[name]) for name in wrapped})
 
 
-def trajectory_of(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
-    """Return the table with one row per instant; instants within with two rows are events.
+def _trajectory(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
+    """The table with one row per instant; instants within with two rows are events.
 
     An event is a change of a guide's mode; without one it is what the truth has at the nearest event.
     """
-    t, guides = table.t, scene.frictional_guides
+    t, first, last = table.t, table.first, table.last
     events = [Event(time, kind, guide, before, after) for time, before, after in table.jumps(table.columns)
               if t[0] < time < t[-1]
-              for kind, guide in [*changed_modes(guides, before, after)] or _nearest(truth, time)]
-    jumps = (table.first < table.last) & (t[table.last] > t[0]) & (t[table.last] < t[-1])
-    rows = table.last[~jumps]
+              for kind, guide in [*changed_modes(scene.frictional_guides, before, after)] or _nearest(truth, time)]
+    rows = last[(first == last) | (t[last] == t[0]) | (t[last] == t[-1])]
     return Trajectory(scene.name, "table", "", "joint", t[rows],
                       {name: values[rows] for name, values in table.columns.items()}, tuple(events), mechanism=scene)
 
 
 def _nearest(truth: Truth, time: float) -> list[tuple[str, str]]:
     """Kinds and guides of the true events nearest to an instant."""
-    off = [abs(event.time - time) for event in truth.events]
-    near = min(off, default=np.inf)
-    return [(event.kind, event.joint) for event, one in zip(truth.events, off)
-            if near <= EVENT_WINDOW and one <= near + 1e-9 * truth.t_end] or [("unknown", "")]
+    near = min((abs(event.time - time) for event in truth.events), default=np.inf)
+    reach = near + 1e-9 * truth.t_end if near <= EVENT_WINDOW else -1.0
+    return [(event.kind, event.joint) for event in truth.events
+            if abs(event.time - time) <= reach] or [("unknown", "")]
 
 
-def _has(columns: Mapping[str, Any] | set[str], scene: Scene, *labels: tuple[str, ...]) -> bool:
+def _has(columns: Collection[str], scene: Scene, *labels: tuple[str, ...]) -> bool:
     """Test if all bodies have these columns."""
     return all(f"{body}.{label}" in columns for body in scene.bodies for kind in labels for label in kind)
 
@@ -232,16 +212,15 @@ def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
 
     Without velocities a slip velocity is the difference quotient of displacements.
     """
-    columns: dict[str, np.ndarray] = {}
-    moves = _has(found.columns, scene, VELOCITIES)
+    columns, moves = dict[str, np.ndarray](), _has(found.columns, scene, VELOCITIES)
     if _has(found.columns, scene, POSITIONS):
         mechanism = Mechanism(scene, stabilization="none")
-        q = np.ascontiguousarray(stacked(found.columns, mechanism.body_names, POSITIONS))
-        v = stacked(found.columns, mechanism.body_names, VELOCITIES) if moves else np.zeros_like(q)
+        q = stacked(found.columns, scene.bodies, POSITIONS)
+        v = stacked(found.columns, scene.bodies, VELOCITIES) if moves else np.zeros_like(q)
         force = np.zeros((len(found.t), len(mechanism.row_names) + len(mechanism.guide_names)))
         names = [f"{guide}.{label}" for guide in scene.guides for label in ("displacement", "slip_velocity")]
-        columns = build_columns(mechanism, found.t, q, np.ascontiguousarray(v), np.zeros_like(q), force, None,
-                                [*names, "drift.position", "drift.velocity"])
+        columns = build_columns(mechanism, found.t, q, v, np.zeros_like(q), force,
+                                names=[*names, "drift.position", "drift.velocity"])
         if moves:
             return columns
         columns["drift.velocity"] = np.full(len(found.t), np.nan)
@@ -250,25 +229,24 @@ def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
                       for guide in scene.guides if f"{guide}.displacement" in way}
 
 
-def _step(found: Trajectory) -> float:
-    return float(np.median(np.diff(found.t)))
+def _step(t: np.ndarray) -> float:
+    return float(np.median(np.diff(t)))
 
 
 def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -> dict[str, Any]:
     """Sampling, errors of all columns together, drift, energy."""
     row: dict[str, Any] = {
-        "rows": len(table.t), "instants": len(table.first), "instants with two sides": len(full.events),
-        "begins at [s]": float(table.t[0]), "ends at [s]": float(table.t[-1]), "t_end [s]": scene.t_end,
-        "sample distance [s]": _step(full), **errors(full, truth, size_of(scene))}
-    if "drift.position" in full and "drift.velocity" in full:
-        row |= {name: value for name, value in drift(full).items() if name != "truth tier"}
+        "instants with two sides": len(full.events), "begins at [s]": float(table.t[0]),
+        "ends at [s]": float(table.t[-1]), "t_end [s]": scene.t_end, "sample distance [s]": _step(full.t),
+        **(drift(full) if "drift.position" in full and "drift.velocity" in full else {}),
+        **errors(full, truth, size_of(scene))}
     if all(name in table.columns for name in needed_columns(scene)):
         row |= zip(("energy error [J]", "energy uncertainty [J]", "energy exchanged [J]"),
                    unaccounted_energy(scene, table.t, table.columns))
     return row
 
 
-def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> Iterator[dict[str, Any]]:
+def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> Iterator[tuple[Any, ...]]:
     """Stick phases of the truth as far as the table goes, and rests of the table where the truth slips."""
     t, true, slip, mode = full.t, truth(full.t), f"{guide}.slip_velocity", f"{guide}.mode"
     if slip not in true or (slip not in full and mode not in full):
@@ -285,45 +263,41 @@ def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> I
             continue
         inner = inside[1:-1]
         verdict = UNRESOLVED if len(inside) < RESOLVED else FOUND if rests[inner].all() else MISSED
-        fastest = float(np.max(np.abs(full[slip][inner]))) if slip in full and len(inner) else None
-        yield dict(zip(PHASE, (guide, begin, end, end - begin, len(inside), verdict, fastest)))
+        fastest = float(np.max(np.abs(full[slip][inner]))) if slip in full and len(inner) else np.nan
+        yield guide, begin, end, end - begin, len(inside), verdict, fastest
     wrong = np.concatenate([[False], rests & (true_speed > 2 * slow), [False]])
     for first, behind in np.flatnonzero(np.diff(wrong.astype(int))).reshape(-1, 2):
         if behind - first >= RESOLVED:
             begin, end = float(t[first]), float(t[behind - 1])
-            yield dict(zip(PHASE, (guide, begin, end, end - begin, int(behind - first), INVENTED)))
+            yield guide, begin, end, end - begin, int(behind - first), INVENTED, np.nan
 
 
-def _jumps(full: Trajectory, truth: Truth, effort: str) -> pd.DataFrame:
-    """Jumps of an effort within the table; ``readable`` are those that its samples, or its two sides, can show."""
-    record = Record("table", full.scene, Variant("table", "table", "dt", (_step(full),)), _step(full),
-                    Outcome("table", "ok", full))
-    table = torque_table([record], {record.key: truth}, effort)
-    if "event time [s]" not in table:
-        return pd.DataFrame()
-    table = table[table["event time [s]"].between(full.t[0], full.t[-1])]
+def _jumps(scene: Scene, full: Trajectory, truth: Truth) -> Iterator[dict[str, Any]]:
+    """Jumps of efforts within the table; ``readable`` are those that its samples, or its two sides, can show."""
     times = np.array([event.time for event in truth.events])
-    room = [np.min(np.abs(times[times != time] - time), initial=truth.t_end) for time in table["event time [s]"]]
-    return table.assign(readable=bool(full.events) | (np.array(room) > (SAMPLES + 1) * _step(full)))
+    for effort in (f"{drive}.effort" for drive in scene.drives):
+        for row in jump_rows(full, truth, effort) if effort in full else ():
+            time = row["event time [s]"]
+            room = np.min(np.abs(times[times != time] - time), initial=truth.t_end)
+            if full.t[0] <= time <= full.t[-1]:
+                yield {**row, "readable": bool(full.events or room > (SAMPLES + 1) * _step(full.t))}
 
 
-def _findings(scene: Scene, full: Trajectory, given: set[str]) -> Iterator[str]:
+def _findings(scene: Scene, full: Trajectory, given: Collection[str]) -> Iterator[str]:
     """What the gate finds of the columns that are given: the first fault of each of its checks."""
     states = _has(given, scene, POSITIONS, VELOCITIES)
-    forces = {name for name in columns_of(scene) if unit_of(name, scene) in ("N", "N m")} <= given
+    forces = all(name in given for name in columns_of(scene) if unit_of(name, scene) in ("N", "N m"))
     checks: dict[Predicate, bool] = {
         coherence.start: states and full.t[0] == 0, coherence.residuals: states, coherence.velocities: states,
-        coherence.displacements: states, coherence.balance: states and forces and _has(given, scene, ACCELERATIONS),
-        coherence.corner_forces: forces, coherence.modes: True, coherence.unreported_events: states,
-        coherence.cone: states and forces, coherence.continuity: states}
-    columns = dict(full.columns)
-    if states:
-        for body in scene.bodies:
-            for rate, second in zip(VELOCITIES, ACCELERATIONS):  # of which the check of velocities takes the size
-                columns.setdefault(f"{body}.{second}", np.gradient(columns[f"{body}.{rate}"], full.t))
-    found = replace(full, columns=columns, settings={} if full.events else {"dt": _step(full)})
-    run = Examined(found, scene, float(full.t[-1]), None, _step(full), "joint",
-                   lambda _: bool(full.events), lambda _: True)
+        coherence.displacements: states, coherence.balance: states and forces, coherence.corner_forces: forces,
+        coherence.modes: True, coherence.unreported_events: states, coherence.cone: states and forces,
+        coherence.continuity: states}
+    # of accelerations that are not given the check of velocities takes the size
+    second = {f"{body}.{label}": np.gradient(full[f"{body}.{rate}"], full.t) for body in scene.bodies
+              for rate, label in zip(VELOCITIES, ACCELERATIONS)} if states else {}
+    step = _step(full.t)
+    found = replace(full, columns={**second, **full.columns}, settings={} if full.events else {"dt": step})
+    run = Examined(found, scene, float(full.t[-1]), None, step, "joint", lambda _: bool(full.events), lambda _: True)
     for check, applies in checks.items():
         if applies and (finding := next(check(run), None)):
             yield finding

@@ -30,8 +30,7 @@ NOTES = ("Errors are taken at the table's own instants: nothing between its rows
          "size: the largest value of the true column. tier: what the truth of the column rests on.",
          "A true stick phase is found where all samples in it, but the first and the last, are at rest: slower than a "
          "thousandth of the largest slip speed, or of mode 0.")
-
-
+PART = "The table goes from {} s to {} s, the scene from 0 to {} s.", "begins at [s]", "ends at [s]", "t_end [s]"
 SUMMED = (
     ("Largest velocity error: {} m/s.", "velocity error [m/s]"),
     ("Efforts of drives are off by {} N m or N in the mean.", TORQUE_ERROR),
@@ -54,10 +53,10 @@ def presentation(judged: Judgement) -> Presentation:
 
 def _answer(judged: Judgement) -> TracedText:
     table = judged.tables["errors"]
-    if judged.truth.tier == NO_TRUTH:
-        return TracedText(f"There is no truth of {judged.scene.name}: its columns are held against each other alone.")
     if table.empty:
-        return TracedText("The truth has none of the table's columns: they are held against each other alone.")
+        which = (f"There is no truth of {judged.scene.name}: its columns" if judged.truth.tier == NO_TRUTH else
+                 "The truth has none of the table's columns: they")
+        return TracedText(f"{which} are held against each other alone.")
     sizes = judged.in_metres("error")
     known = sizes.notna().any()
     worst = (sizes if known else table["error"] / table["size"]).idxmax()
@@ -70,11 +69,9 @@ def _answer(judged: Judgement) -> TracedText:
 
 def _truth(judged: Judgement) -> Iterator[TracedText]:
     truth, table = judged.truth, judged.tables["errors"]
-    if truth.tier == OWN_RUN:
-        yield TracedText(f"The truth is our own run at rtol {OWN_RTOL:g}, which is not independent"
-                         + (f": {truth.note}." if truth.note else "."))
-    elif truth.note:
-        yield TracedText(f"On the truth: {truth.note}.")
+    own = f"The truth is our own run at rtol {OWN_RTOL:g}, which is not independent" if truth.tier == OWN_RUN else ""
+    if own or truth.note:
+        yield TracedText(": ".join(filter(None, (own or "On the truth", truth.note))) + ".")
     if judged.uncertainty is not None:
         row = table[table["unit"].isin(["m", "rad"])]["uncertainty"].idxmax()
         yield traced("The truth's positions are known to {} {} ({}).", value("errors", table, row, "uncertainty"),
@@ -87,40 +84,36 @@ def _reading(judged: Judgement) -> Iterator[TracedText]:
     kinds = table["unit"].map(lambda unit: unit.partition("/")[0])
     right = (table["hint"] == "") & (table["error"] <= COARSE * table["size"])
     for cause, columns in judged.hints.items():
-        # --units would change the units of these too
-        others = list(table.loc[right & kinds.isin(set(kinds[table["column"].isin(columns)])), "column"])
+        others = table.loc[right & kinds.isin(kinds[table["column"].isin(columns)]), "column"]
         kept = (f" {', '.join(others)}: right as they are; convert the others alone."
-                if others and "--units" in cause else "")
+                if len(others) and "--units" in cause else "")  # which would change the units of these too
         yield TracedText(f"{', '.join(columns)}: {cause}" + "." * (not cause.endswith("?")) + kept)
     if not judged.is_complete:
-        yield from _summed(judged, [("The table goes from {} s to {} s, the scene from 0 to {} s.", "begins at [s]",
-                                     "ends at [s]", "t_end [s]")])
+        yield from _summed(judged, [PART])
 
 
 def _summed(judged: Judgement, sentences: Iterable[Sequence[str]]) -> Iterator[TracedText]:
     """Sentences whose cells the summary has."""
     table = judged.tables["summary"]
+    known = set(table.columns[table.loc[0].notna()])
     for template, *columns in sentences:
-        if judged.is_complete or columns != ["events missed"]:  # else those outside of it are among them
-            yield sentence(template, *(
-                value("summary", table, 0, column) if column in table and pd.notna(table.at[0, column]) else ""
-                for column in columns))
+        # those outside of a table that is not complete are among the missed ones
+        if known.issuperset(columns) and (judged.is_complete or columns != ["events missed"]):
+            yield traced(template, *(value("summary", table, 0, column) for column in columns))
 
 
 def _stick_phases(judged: Judgement) -> Iterator[TracedText]:
     table, name = judged.tables["stick-phases"], "stick-phases"
     if table.empty:
         return
-    true = count(name, table, verdict=frozenset({FOUND, MISSED, UNRESOLVED}))
-    if true.text != "0":
+    if (true := count(name, table, verdict=frozenset({FOUND, MISSED, UNRESOLVED}))).text != "0":
         yield traced("Stick phases: {} of {} found.", count(name, table, verdict=FOUND), true)
     short = table[table["verdict"] == UNRESOLVED]
     if len(short):
-        row, step = short["duration [s]"].idxmin(), judged.tables["summary"]
         yield traced("Stick phases too short for the samples, which say nothing of the solver: {}; the shortest takes "
                      "{} ms, samples are {} ms apart.", count(name, table, verdict=UNRESOLVED),
-                     scaled_value(name, table, row, "duration [s]"),
-                     scaled_value("summary", step, 0, "sample distance [s]"))
+                     scaled_value(name, table, short["duration [s]"].idxmin(), "duration [s]"),
+                     scaled_value("summary", judged.tables["summary"], 0, "sample distance [s]"))
     if (table["verdict"] == INVENTED).any():
         yield traced("Rests where the truth slips: {}.", count(name, table, verdict=INVENTED))
 
@@ -128,13 +121,13 @@ def _stick_phases(judged: Judgement) -> Iterator[TracedText]:
 def _jumps(judged: Judgement) -> Iterator[TracedText]:
     table = judged.tables["jumps"]
     for effort, rows in table.groupby("effort", sort=False):
-        is_read = rows["resolved"].astype(bool)
+        read = rows[rows["resolved"]]
         worst = traced(", at most {} N m off", value(
-            "jumps", table, rows[is_read]["jump error [N m]"].abs().idxmax(), "jump error [N m]", "",
-            "jump uncertainty [N m]")) if is_read.any() else ""
+            "jumps", table, read["jump error [N m]"].abs().idxmax(), "jump error [N m]", "",
+            "jump uncertainty [N m]")) if len(read) else ""
         yield traced("Jumps of {}: {} of {} read{}.", str(effort), count("jumps", table, effort=effort, resolved=True),
                      count("jumps", table, effort=effort), worst)
-        if (~rows["readable"].astype(bool) & ~is_read).any():
+        if not (rows["readable"] | rows["resolved"]).all():
             yield traced("Jumps of it too close to another event for the samples: {}.",
                          count("jumps", table, effort=effort, readable=False, resolved=False))
 
@@ -144,36 +137,32 @@ def _not_judged(judged: Judgement) -> Iterator[TracedText]:
     faults = judged.tables["findings"]
     for row in faults.index:
         yield traced("Its columns do not fit: {}.", value("findings", faults, row, "finding"))
-    scene, run = judged.scene, judged.trajectory
+    scene, run, given = judged.scene, judged.trajectory, judged.table.columns
     slips = any(f"{guide}.{label}" in run for guide in scene.frictional_guides for label in ("slip_velocity", "mode"))
     efforts = any(f"{drive}.effort" in run for drive in scene.drives)
     wanting = {"stick phases (displacement, slip velocity or mode of guides, or positions of all bodies)":
                scene.frictional_guides and not slips,
                "jumps (efforts of drives)": scene.frictional_guides and scene.drives and not efforts,
                "constraint drift (positions of all bodies)": "drift.position" not in run,
-               f"energy ({names([name for name in needed_columns(scene) if name not in judged.table.columns])})":
+               f"energy ({names([name for name in needed_columns(scene) if name not in given])})":
                "energy error [J]" not in judged.tables["summary"]}
     known = set(judged.tables["errors"]["column"])
-    unknown = [name for name in judged.table.columns if judged.truth.tier != NO_TRUTH and name not in known
+    unknown = [name for name in given if judged.truth.tier != NO_TRUTH and name not in known
                and not name.endswith(".mode") and not name.startswith("drift.")]
-    for template, which in (
-            ("Not judged, for want of columns: {}.", "; ".join(what for what, lacks in wanting.items() if lacks)),
-            ("The truth does not have {}.", names(unknown)),
-            ("Columns that are none of the scene's: {}.", names(judged.table.left_out))):
-        yield sentence(template, which)
+    yield sentence("Not judged, for want of columns: {}.", "; ".join(what for what, lacks in wanting.items() if lacks))
+    yield sentence("The truth does not have {}.", names(unknown))
+    yield sentence("Columns that are none of the scene's: {}.", names(judged.table.left_out))
 
 
 def _tables(judged: Judgement) -> Iterator[TableView]:
     errors = judged.tables["errors"]
-    columns = (Column("column"), Column("error"), Column("unit"), Column("measure"), Column("at t [s]", form=".6g"),
-               Column("size", form=".3g"), Column("tier"), Column("hint"))
-    shown = errors.assign(error=[value("errors", errors, i, "error").text if pd.notna(errors.at[i, "error"]) else ""
-                                 for i in errors.index])
+    columns = (Column("column"), Column("error", uncertainty="uncertainty"), Column("unit"), Column("measure"),
+               Column("at t [s]", form=".6g"), Column("size", form=".3g"), Column("tier"), Column("hint"))
     kinds = errors.dropna(subset="error").groupby("unit", sort=False)["error"].idxmax()
     views = (
-        view("worst", "Of each kind of column that with the largest error.", shown.loc[kinds], columns,
+        view("worst", "Of each kind of column that with the largest error.", errors.loc[kinds], columns,
              source="errors", in_report=False),
-        view("errors", "Errors of all columns.", shown, columns),
+        view("errors", "Errors of all columns.", errors, columns),
         view("stick-phases", "Stick phases.", judged.tables["stick-phases"],
              (Column("guide"), Column("begin [s]", form=".6f"), Column("end [s]", form=".6f"),
               Column("duration [s]", form=".3g"), Column("samples"), Column("verdict"),
@@ -189,19 +178,16 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
 def _figures(judged: Judgement) -> Iterator[Chart]:
     if judged.truth.tier == NO_TRUTH:
         return
-    run, known, panels = judged.trajectory, judged.truth(judged.trajectory.t), []
-    table = judged.tables["errors"]
-    differences = []
+    run, known, table = judged.trajectory, judged.truth(judged.trajectory.t), judged.tables["errors"]
+    panels, differences = [], []
     for name in table[table["unit"] == "m"].nlargest(LINES, "error")["column"]:
-        off = np.abs(run[name] - known[name])
-        parts = np.array_split(np.arange(len(off)), min(DRAWN, len(off)))
-        top = np.array([part[np.argmax(off[part])] for part in parts])
+        off = pd.Series(np.abs(run[name] - known[name]))
+        top = off.groupby(np.arange(len(off)) * DRAWN // len(off)).idxmax().to_numpy()
         top = top[off[top] > 0]  # a logarithmic axis has no zero
-        differences.append(Series(name, run.t[top], off[top], look=name))
+        differences.append(Series(name, run.t[top], off[top].to_numpy(), look=name))
     if any(len(one.x) for one in differences):
         panels.append(Panel("positions", Axis("time [s]"), Axis("difference [m]", log=True), differences))
-    phases = judged.tables["stick-phases"]
-    true = phases[phases["verdict"] != INVENTED]
+    true = judged.tables["stick-phases"].query("verdict != @INVENTED")
     shades = list(zip(true["begin [s]"], true["end [s]"]))
     t, every = np.linspace(run.t[0], run.t[-1], DRAWN), slice(None, None, -(-len(run.t) // POINTS))
     drawn = [(f"{guide}.slip_velocity", "slip velocity [m/s]") for guide in judged.scene.frictional_guides]

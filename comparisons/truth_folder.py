@@ -52,15 +52,15 @@ def write_truth(scene: Scene, truth: Truth, folder: Path) -> dict[str, Any]:
              "uncertainty": {name: float(value) for name, value in truth.uncertainty.items()},
              "uncertainty between rows": {name: SAFETY * float(np.max(np.abs(true[name] - found[name])))
                                           for name in true if name in frame}}
-    (folder / SCENE).write_text(resolved_text(scene), encoding="utf-8")
-    (folder / "scene.toml").write_text(scene_to_toml(scene), encoding="utf-8")
+    for name, text in {SCENE: resolved_text(scene), "scene.toml": scene_to_toml(scene),
+                       ABOUT: json.dumps(about, indent=1) + "\n"}.items():
+        (folder / name).write_text(text, encoding="utf-8")
     scene.draw().write(folder / "scene.svg")
     frame.to_csv(folder / "truth.csv", index=False)
     frame.to_parquet(folder / MOTION, index=False, compression="zstd")
     events_frame(truth.events).to_csv(folder / EVENTS, index=False)
     if (certificate := certificate_of(scene)) is not None and truth.tier_below:
         shutil.copy(certificate, folder / "certificate.json.gz")
-    (folder / ABOUT).write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
     write_sums(folder)
     return about
 
@@ -71,23 +71,16 @@ def is_truth_folder(name: str | Path) -> bool:
 
 
 def read_truth(folder: Path) -> tuple[Scene, Truth]:
-    """Read the scene and the truth of a folder; nothing is solved.
-
-    Raises
-    ------
-    TruthFolderError
-        For a folder of another kind or version, and where a file is not the one that was written.
-    """
-    text = (folder / SUMS).read_text(encoding="utf-8", errors="replace") if (folder / SUMS).is_file() else ""
-    listed = dict(line.partition("  ")[::-2] for line in text.splitlines())
-    about: dict[str, Any] = {}
+    """Read the scene and the truth of a folder; nothing is solved. TruthFolderError with all that is wrong in it."""
+    sums, about = folder / SUMS, {}
+    listed = set(sums.read_text(encoding="utf-8", errors="replace").splitlines()) if sums.is_file() else set()
     if not (folder / ABOUT).is_file():
-        inside = sorted(path.parent.relative_to(folder).as_posix() for path in folder.glob(f"**/{ABOUT}"))
+        inside = sorted(folder.glob(f"**/{ABOUT}"))
         wrong = [Problem(ABOUT, "no such file", "expected the folder of a scene"
-                         + (f", such as {folder / inside[0]}" if inside else ""))]
+                         + (f", such as {inside[0].parent}" if inside else ""))]
     elif not (wrong := [Problem(name, "another file, or none", f"expected the one with the SHA-256 in {SUMS}")
                         for name in (ABOUT, SCENE, MOTION, EVENTS)
-                        if not (folder / name).is_file() or listed.get(name) != _sum(folder / name)]):
+                        if not (folder / name).is_file() or _sum(folder / name, folder) not in listed]):
         about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
         wrong = [Problem(key, shown(about.get(key)), f"expected {shown(value)}")
                  for key, value in (("format", FORMAT), ("version", VERSION)) if about.get(key) != value]
@@ -97,10 +90,9 @@ def read_truth(folder: Path) -> tuple[Scene, Truth]:
     uncertainty = {name: value + about["uncertainty between rows"].get(name, 0.0)
                    for name, value in about["uncertainty"].items()}
     events = events_of(csv.read_csv(folder / EVENTS).to_pandas()) if about["events"] else ()
-    return scene, Truth(scene.name, about["tier"], about["t_end [s]"],
-                        interpolated(pd.read_parquet(folder / MOTION)), uncertainty, events, None, about["note"],
-                        about["tier of forces"] if about["tier of forces"] != about["tier"] else "",
-                        frozenset(about["guides"]))
+    return scene, Truth(scene.name, about["tier"], about["t_end [s]"], interpolated(pd.read_parquet(folder / MOTION)),
+                        uncertainty, events, note=about["note"], tier_below=about["tier of forces"],
+                        guides=frozenset(about["guides"]))
 
 
 def motion_frame(truth: Truth) -> pd.DataFrame:
@@ -116,9 +108,9 @@ def motion_frame(truth: Truth) -> pd.DataFrame:
 def write_sums(folder: Path) -> None:
     """Write `SUMS` of all files in a folder and below it, for ``sha256sum --check``."""
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path != folder / SUMS)
-    lines = [f"{_sum(path)}  {path.relative_to(folder).as_posix()}\n" for path in files]
-    (folder / SUMS).write_text("".join(lines), encoding="utf-8")
+    (folder / SUMS).write_text("".join(f"{_sum(path, folder)}\n" for path in files), encoding="utf-8")
 
 
-def _sum(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def _sum(path: Path, folder: Path) -> str:
+    """The line of a file of the folder."""
+    return f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(folder).as_posix()}"

@@ -9,7 +9,6 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from inspect import cleandoc
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from stiction.cli.app import app
 from stiction.cli.describe import fidelities_of, table_of_defaults
 from stiction.comparisons.campaigns import history
 from stiction.engines import EngineMissing, load_engine
-from stiction.engines.program import declaration
+from stiction.engines.program.declaration import PLACEHOLDERS
 from stiction.reference_impl import paper
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS
 from stiction.scenes import catalogue, load_scene, new_scene_text
@@ -187,9 +186,8 @@ GENERATED: dict[str, Callable[..., str]] = {
     "python": lambda: "\n".join(_documented(name, getattr(stiction, name)) for name in sorted(
         stiction.__all__, key=lambda name: (name[0].isupper(), name))),
     "night_history": lambda: f"```text\n{inspect.getdoc(history)}\n```\n",
-    "program_declaration": lambda: f"```toml\n{cleandoc(declaration.__doc__.partition(chr(10))[2])}\n```\n",
     "placeholders": lambda: _table(("in an argument", "is replaced by"), [
-        (f"`{{{name}}}`", words) for name, words in declaration.PLACEHOLDERS.items()])}
+        (f"`{{{name}}}`", words) for name, words in PLACEHOLDERS.items()])}
 """What a part consists of, by its name."""
 
 if __name__ == "__main__":

@@ -1,7 +1,4 @@
-"""Work of `stiction run` in its child process.
-
-A module of its own, so that the child does not import the command line.
-"""
+"""Work of `stiction run` in its child process, which does not import the command line."""
 
 from __future__ import annotations
 
@@ -15,14 +12,7 @@ from stiction.scenes import InputError, Scene, Trajectory
 def run_as_asked(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | InputError:
     """Return a trajectory, or the error where the fault is the input's and not a failure.
 
-    Parameters
-    ----------
-    engine : str
-        A name of the registry, or ``"module:Class"``.
-    assemble : bool
-        Move the start of the scene onto its constraints first.
-    arguments
-        Those of `Engine.simulate`.
+    `assemble`: move the start of the scene onto its constraints first. The arguments are those of `Engine.simulate`.
     """
     from stiction.reference_impl.multibody.initial_state import with_consistent_start
 

@@ -6,22 +6,23 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
+from scipy.integrate import cumulative_trapezoid
 
-from stiction.reference_impl.equations_of_motion import EquationsOfMotion
+from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Motion
 from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.fields import GROUND
-from stiction.scenes.laws import Constant, evaluate_law
-from stiction.scenes.model import Drive, Force, TorsionalSpring
+from stiction.scenes.model import Force, TorsionalSpring
 from stiction.scenes.trajectory import stacked
-
-Vector = tuple[float, float]
-_UNIT = 1.0
-"""Length of the drives by which coordinates are measured: a distance must be positive."""
 
 
 def energies(run: Trajectory) -> pd.DataFrame:
-    """Return the energies of a run, `energy_columns`, one row per output time and two per event.
+    """Return kinetic and potential energy of a run, and work by its source: a row per output time, two per event.
+
+    All in J, all works from the first row on. ``potential`` is of weight and springs; ``NAME.work`` that of each load
+    and drive on the mechanism; ``NAME.dissipated`` that of each damper and frictional guide; ``balance``: kinetic and
+    potential energy less their first values, less the works, plus what was dissipated. It is zero for an exact motion,
+    but for the trapezoidal rule by which powers are integrated.
 
     Raises
     ------
@@ -35,49 +36,41 @@ def energies(run: Trajectory) -> pd.DataFrame:
 
 
 def energy_columns(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> pd.DataFrame:
-    """Return kinetic and potential energy, and work by its source; all in J, all works from the first row on.
+    """Return `energies` of a motion: times that do not decrease, and `needed_columns`, each of shape (n,).
 
-    The columns are ``kinetic``; ``potential``, of weight and springs; ``NAME.work`` of each load and drive, on the
-    mechanism; ``NAME.dissipated`` by each damper and frictional guide; ``balance``: kinetic and potential energy less
-    their first values, less the works, plus what was dissipated. It is zero for an exact motion, but for the
-    trapezoidal rule by which powers are integrated.
-
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        Not decreasing; an instant that occurs twice has both sides of a jump.
-    columns : Mapping[str, ndarray]
-        `needed_columns`, each of shape (n,).
-
-    Raises
-    ------
-    InputError
-        For a missing column.
+    An instant that occurs twice has both sides of a jump.
     """
     if missing := [name for name in needed_columns(scene) if name not in columns]:
         raise InputError(f"columns: found no {', '.join(missing)}; expected states, efforts and frictions")
-    q, v = (np.ascontiguousarray(stacked(columns, scene.bodies, labels)) for labels in BODY_COLUMNS[:2])
-    at, rate = _coordinates(scene, t, q, v)
-    mass = np.array([value for body in scene.bodies.values() for value in (body.mass, body.mass, body.inertia)])
+    q, v = (stacked(columns, scene.bodies, labels) for labels in BODY_COLUMNS[:2])
+    mass, motion = EquationsOfMotion(scene).mass, Motion(list(scene.bodies), t, q, v)
     kinetic = v ** 2 @ mass / 2
     potential = -(q.reshape(len(t), -1, 3)[:, :, :2] @ np.array(scene.gravity or (0.0, 0.0))) @ mass[::3]
     powers, losses = {}, {}
     for name, spring in scene.springs.items():
+        with np.errstate(divide="ignore", invalid="ignore"):  # ends that meet have no direction, nor a rate: nan
+            length = motion.coordinate(spring)
         rest = spring.rest_angle if isinstance(spring, TorsionalSpring) else spring.rest_length
-        potential = potential + spring.stiffness / 2 * (at[name] - rest) ** 2
+        potential = potential + spring.stiffness / 2 * (length.value - rest) ** 2
         if spring.damping:
-            losses[f"{name}.dissipated"] = spring.damping * rate[name] ** 2
+            losses[f"{name}.dissipated"] = spring.damping * length.rate ** 2
     for name, load in scene.forces.items():
-        powers[f"{name}.work"] = np.array([evaluate_law(load.law, time)[0] for time in t]) * rate[name]
+        if isinstance(load, Force):
+            way = motion.direction(GROUND, load.direction).dot(motion.point(load.body, load.point))
+        else:
+            way = motion.angle(load.body)
+        powers[f"{name}.work"] = motion.law(load.law).value * way.rate
     for name, drive in scene.drives.items():
-        powers[f"{name}.work"] = columns[f"{name}.effort"] * np.array([evaluate_law(drive.law, time)[1] for time in t])
-    for name in scene.frictional_guides:
-        losses[f"{name}.dissipated"] = -columns[f"{name}.friction"] * rate[name]
+        powers[f"{name}.work"] = columns[f"{name}.effort"] * motion.law(drive.law).rate
+    for name, guide in scene.frictional_guides.items():
+        arm = motion.between(guide.bodies, (guide.slider_point, guide.point))
+        slip = motion.direction(guide.guide, guide.direction).dot(arm).rate
+        losses[f"{name}.dissipated"] = -columns[f"{name}.friction"] * slip
     energy = kinetic + potential
     lost = sum([*(-power for power in powers.values()), *losses.values()], np.zeros(len(t)))
-    works = {name: _integral(t, power) for name, power in {**powers, **losses}.items()}
+    works = {name: cumulative_trapezoid(power, t, initial=0) for name, power in {**powers, **losses}.items()}
     return pd.DataFrame({"t": t, "kinetic": kinetic, "potential": potential, **works,
-                         "balance": energy - energy[:1] + _integral(t, lost)})
+                         "balance": energy - energy[:1] + cumulative_trapezoid(lost, t, initial=0)})
 
 
 def unaccounted_energy(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> tuple[float, float, float]:
@@ -99,32 +92,3 @@ def needed_columns(scene: Scene) -> list[str]:
     states = [f"{body}.{label}" for body in scene.bodies for labels in BODY_COLUMNS[:2] for label in labels]
     return [*states, *(f"{name}.effort" for name in scene.drives),
             *(f"{name}.friction" for name in scene.frictional_guides)]
-
-
-def _coordinates(scene: Scene, t: np.ndarray, q: np.ndarray,
-                 v: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return by name the coordinate on which each spring, load and friction acts, and its rate.
-
-    Each is that of a drive in the same place: the residual of its constraint, and the residual's rate.
-    """
-    def angle(bodies: tuple[str, str]) -> Drive:
-        return Drive(type="angle", bodies=bodies, law=Constant(type="constant", value=_UNIT))
-
-    def distance(bodies: tuple[str, str], points: tuple[Vector, Vector], axis: Vector | None) -> Drive:
-        return Drive(type="distance", bodies=bodies, points=points, axis=axis,
-                     law=Constant(type="constant", value=_UNIT))
-
-    drives = {name: angle(spring.bodies) if isinstance(spring, TorsionalSpring)
-              else distance(spring.bodies, spring.points, spring.axis) for name, spring in scene.springs.items()}
-    drives |= {name: distance((load.body, GROUND), (load.point, (0.0, 0.0)), load.direction) if isinstance(load, Force)
-               else angle((load.body, GROUND)) for name, load in scene.forces.items()}
-    drives |= {name: distance(guide.bodies, (guide.slider_point, guide.point), guide.direction)
-               for name, guide in scene.frictional_guides.items()}
-    others = {"joints": {}, "drives": drives, "springs": {}, "forces": {}}
-    with np.errstate(divide="ignore", invalid="ignore"):  # points that coincide have no direction, nor a rate: NaN
-        terms = EquationsOfMotion(scene.model_copy(update=others)).at(t, q, v)
-    return dict(zip(drives, (terms.phi + _UNIT).T)), dict(zip(drives, terms.phi_dot.T))
-
-
-def _integral(t: np.ndarray, power: np.ndarray) -> np.ndarray:
-    return np.append(0.0, np.cumsum(np.diff(t) * (power[1:] + power[:-1]) / 2))

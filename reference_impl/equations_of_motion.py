@@ -123,7 +123,7 @@ class EquationsOfMotion:
         t : float or ndarray, shape (...,)
         q, v : ndarray, shape (..., k)
         """
-        motion = _Motion(list(self.scene.bodies), np.asarray(t, dtype=float), q, v)
+        motion = Motion(list(self.scene.bodies), np.asarray(t, dtype=float), q, v)
         scene, rows, tangents = self.scene, [], []
         for joint in scene.joints.values():
             if isinstance(joint, Revolute):
@@ -140,7 +140,7 @@ class EquationsOfMotion:
         return Terms(self._applied(motion), *_stacked(rows, motion, ("value", "rate", "gamma", "jacobian")),
                      *_stacked(tangents, motion, ("jacobian", "gamma", "rate")))
 
-    def _applied(self, motion: _Motion) -> np.ndarray:
+    def _applied(self, motion: Motion) -> np.ndarray:
         gravity = self.scene.gravity or (0.0, 0.0)
         QE = np.zeros_like(motion.q) + self.mass * np.resize([*gravity, 0.0], len(self.mass))
         for spring in self.scene.springs.values():
@@ -167,7 +167,7 @@ class EquationsOfMotion:
 
 
 @dataclass(frozen=True)
-class _Motion:
+class Motion:
     """Points, directions and angles of bodies at instants."""
 
     bodies: list[str]
@@ -239,7 +239,7 @@ class _Motion:
         return d.norm() if element.axis is None else self.direction(element.bodies[1], element.axis).dot(d)
 
 
-def _stacked(rows: list[Moving], motion: _Motion, parts: tuple[str, ...]) -> list[np.ndarray]:
+def _stacked(rows: list[Moving], motion: Motion, parts: tuple[str, ...]) -> list[np.ndarray]:
     """The parts of all rows, shape (..., rows) and, of jacobians, (..., rows, k)."""
     axis, rows = motion.t.ndim, [motion.constant(0.0), *rows]  # the first has the shape where there are no others
     return [np.delete(np.stack([getattr(row, part) for row in rows], axis), 0, axis) for part in parts]

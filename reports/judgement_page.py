@@ -17,14 +17,10 @@ MAIN = "judgement.md"
 
 
 def write_judgement(judged: Judgement, folder: Path) -> Path:
-    """Write page, figure (SVG, PDF) and tables (CSV, Parquet); return the page.
-
-    Raises
-    ------
-    FolderRefused
-        For a folder with other files, as `run_folder` says.
-    """
+    """Write page, figure (SVG, PDF) and tables (CSV, Parquet); return the page. What it refuses: `run_folder`."""
     said = judged.presentation
+    parts = [f"# {judged.table.origin} on {judged.scene.name}", f"**{said.answer.text}**",
+             "\n".join(f"- {part.text}" for part in said.findings)]
     with run_folder(folder, MAIN) as partial:
         for part in ("data", "figures"):
             (partial / part).mkdir()
@@ -32,14 +28,11 @@ def write_judgement(judged: Judgement, folder: Path) -> Path:
             storable(frame).to_csv(partial / "data" / f"{name}.csv", index=False)
             write_frame(storable(frame), partial / "data" / f"{name}.parquet")
         with rc():
-            drawings = list(drawn(said.figures, Results((), {}, {})))
-            for drawing in drawings:
+            for drawing in drawn(said.figures, Results((), {}, {})):
                 save(drawing, partial / "figures")
-        items = "\n".join(f"- {part.text}" for part in said.findings)
-        parts = [f"# {judged.table.origin} on {judged.scene.name}", f"**{said.answer.text}**", items,
-                 *map(figure, drawings),
-                 *(f"*{view.caption}*\n\n{table(view)}{more(view)}" for view in said.tables if view.in_report),
-                 "\n".join(f"- {note}" for note in said.notes)]
+                parts.append(figure(drawing))
+        parts += [f"*{view.caption}*\n\n{table(view)}{more(view)}" for view in said.tables if view.in_report]
+        parts.append("\n".join(f"- {note}" for note in said.notes))
         (partial / MAIN).write_text("\n\n".join(filter(None, parts)) + "\n", encoding="utf-8")
         write_provenance(partial, {"scene": judged.scene.name, "table": judged.table.origin})
     return Path(folder) / MAIN

@@ -21,7 +21,6 @@ from stiction.scenes.model import Scene
 FORMAT = "stiction resolved scene"
 VERSION = 1
 """Raised where a program written for the version before would read a scene wrongly, or refuse it."""
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 class _Resolved(Model):
@@ -32,10 +31,7 @@ class _Resolved(Model):
 
 
 def resolved_scene(scene: Scene) -> dict[str, Any]:
-    """Return a scene as programs read it: `FORMAT`, `VERSION`, its name, and its elements without arithmetic.
-
-    `load_resolved` makes a scene of it again that moves by the same equations.
-    """
+    """Return a scene as programs read it; `load_resolved` makes one of it again that moves by the same equations."""
     tables = scene.model_dump(mode="json", exclude={"parameters"})
     tables["gravity"] = tables["gravity"] or [0.0, 0.0]
     for name, guide in scene.guides.items():  # what is in force where a guide leaves it out
@@ -50,13 +46,7 @@ def resolved_text(scene: Scene) -> str:
 
 
 def load_resolved(text: str, origin: str = "<resolved scene>") -> Scene:
-    """Make a scene of the text of its resolved form.
-
-    Raises
-    ------
-    SceneError
-        For text that is not JSON, of another format or of another version, and as `scene_from_dict`.
-    """
+    """Make a scene of the text of its resolved form; SceneError as of `scene_from_dict`, and for another format."""
     try:
         found = _Resolved.model_validate_json(text)
     except ValidationError as error:
@@ -65,20 +55,16 @@ def load_resolved(text: str, origin: str = "<resolved scene>") -> Scene:
 
 
 def resolved_schema() -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of `resolved_scene`; every key is there, no number is arithmetic."""
+    """Return the JSON schema of `resolved_scene`; every key is there, no number is arithmetic."""
     scene = _numbers_only(Scene.model_json_schema(mode="serialization"))
     definitions = scene.pop("$defs")
     del scene["properties"]["parameters"]
     scene["required"] = list(scene["properties"])
     header = {"format": {"const": FORMAT}, "version": {"const": VERSION},
               "name": {"type": "string", "description": "Of the scene's file, without its ending"}, "scene": scene}
-    return {"$schema": DIALECT, "title": f"{FORMAT}, version {VERSION}", "type": "object", "properties": header,
-            "required": list(header), "additionalProperties": False, "$defs": definitions}
-
-
-def resolved_schema_text() -> str:
-    """`resolved_schema` as the text of a file."""
-    return json.dumps(resolved_schema(), indent=1) + "\n"
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"{FORMAT}, version {VERSION}",
+            "type": "object", "properties": header, "required": list(header), "additionalProperties": False,
+            "$defs": definitions}
 
 
 def _numbers_only(schema: Any) -> Any:
@@ -89,10 +75,8 @@ def _numbers_only(schema: Any) -> Any:
         return schema
     dropped = {"discriminator", "default", *(["title"] if isinstance(schema.get("title"), str) else [])}
     made = {key: _numbers_only(value) for key, value in schema.items() if key not in dropped}
-    kinds = made.get("anyOf", [])
-    if any(kind.get("type") == "number" for kind in kinds):
-        kinds = [kind for kind in kinds if kind != {"type": "string"}]
-        del made["anyOf"]
+    if any(kind.get("type") == "number" for kind in made.get("anyOf", [])):
+        kinds = [kind for kind in made.pop("anyOf") if kind != {"type": "string"}]
         made |= kinds[0] if len(kinds) == 1 else {"anyOf": kinds}
     if "prefixItems" in made:
         made["items"] = False

@@ -1,7 +1,6 @@
 """A table of results from anywhere: a time column, and columns with the names of a scene, checked and in SI units.
 
-Read from a CSV or Parquet file (`read_result`) or taken from a DataFrame (`result_table`). A time that stands in two
-neighbouring rows is an instant at which quantities jump: the rows are its two sides.
+A time that stands in two neighbouring rows is an instant at which quantities jump: the rows are its two sides.
 """
 
 from __future__ import annotations
@@ -50,18 +49,10 @@ class ResultError(FileError):
 class ResultTable:
     """Results of a run as anybody's program gives them, checked.
 
-    Attributes
-    ----------
-    origin : str
-        The file's name, for messages.
-    t : ndarray, shape (n,)
-        Seconds, not decreasing, within 0 .. t_end and a last step; a time that occurs more than once is an instant of
-        an event, its first row the side before, its last row the side after.
-    columns : Mapping[str, ndarray]
-        By the scene's names (`stiction.scenes.columns.COLUMNS`), each of shape (n,), in SI units. Numbers are finite,
-        but forces may be nan where several guides with friction can leave them open.
-    left_out : tuple of str
-        Columns of the table that are none of the scene's, and resemble none.
+    `origin`: the file's name, for messages. `t`: seconds, shape (n,), not decreasing, within 0 .. t_end and a last
+    step. `columns`: by the scene's names, each of shape (n,), in SI units; numbers are finite, but forces may be nan
+    where several guides with friction can leave them open. `left_out`: columns that are none of the scene's, and
+    resemble none.
     """
 
     origin: str
@@ -72,8 +63,7 @@ class ResultTable:
     @property
     def first(self) -> np.ndarray:
         """Row of the side before of each distinct instant, int (instants,); of 3, 5, .. rows the first is a sample."""
-        rows = np.flatnonzero(np.diff(self.t, prepend=-np.inf))
-        counts = np.diff(np.append(rows, len(self.t)))
+        _, rows, counts = np.unique(self.t, return_index=True, return_counts=True)
         return rows + ((counts > 1) & (counts % 2 == 1))
 
     @property
@@ -90,13 +80,7 @@ class ResultTable:
 
 
 def parse_map(texts: Iterable[str]) -> dict[str, str]:
-    """Read ``MINE=COLUMN`` as names by the table's names; ``MINE=-COLUMN`` reverses a sign, ``MINE=`` leaves out.
-
-    Raises
-    ------
-    InputError
-        For a text without both ends.
-    """
+    """Read ``MINE=COLUMN`` as names by the table's names; ``MINE=-COLUMN`` reverses a sign, ``MINE=`` leaves out."""
     mapping = {}
     for text in texts:
         mine, equals, column = (part.strip() for part in text.rpartition("="))
@@ -108,18 +92,12 @@ def parse_map(texts: Iterable[str]) -> dict[str, str]:
 
 
 def parse_units(text: str) -> dict[str, float]:
-    """Read ``mm,deg`` as sizes in SI by what they measure; everything else stays in SI.
-
-    Raises
-    ------
-    InputError
-        For an unknown unit, or two of a kind.
-    """
+    """Read ``mm,deg`` as sizes in SI by what they measure; everything else stays in SI."""
     sizes: dict[str, float] = {}
     for name in filter(None, (part.strip() for part in text.split(","))):
-        kind, size = UNITS.get(name, ("", 0.0))
-        if not kind:
+        if name not in UNITS:
             raise InputError(f"found {shown(name)}; expected units among {', '.join(UNITS)}{did_you_mean(name, UNITS)}")
+        kind, size = UNITS[name]
         if kind in sizes:
             raise InputError(f"found {shown(text)}; expected one unit of {kind}")
         sizes[kind] = size
@@ -137,17 +115,14 @@ def result_table(frame: str | Path | pd.DataFrame | Mapping[str, Any], scene: Sc
         A row an instant, in order of time; columns by name. The time is the column ``t`` or ``time``, or the index. Or
         a file, .csv or .parquet: the heading of a CSV file may begin with ``#``, its cells are separated by commas,
         semicolons or tabs.
-    mapping
-        Name in the table -> the scene's name, as of `parse_map`; names that are the scene's need none.
-    units
-        Size in SI by what is measured, as of `parse_units`: of all columns, so that with ``mm`` and ``ms`` velocities
-        are mm/ms, and moments N mm.
+    mapping, units
+        As of `parse_map` and `parse_units`. Units are those of all columns: with ``mm`` and ``ms`` velocities are
+        mm/ms, and moments N mm.
 
     Raises
     ------
     ResultError
-        For a file that cannot be read, unknown names that resemble the scene's, missing or repeated columns, what is
-        no finite number, times that decrease or lie outside of 0 .. t_end, lengths that differ.
+        With all that is wrong in it.
     """
     if isinstance(frame, str | Path):
         frame, origin = _read(Path(frame)), str(frame)
@@ -183,16 +158,17 @@ def _read(path: Path) -> pd.DataFrame:
     wrong, ending = "", path.suffix.lower()
     try:
         size = path.stat().st_size
-        if ending in ENDINGS and 0 < size <= MAX_FILE_SIZE:
-            if ending == ".parquet":
-                return parquet.read_table(path).to_pandas()
+        if ending not in ENDINGS or not 0 < size <= MAX_FILE_SIZE:
+            wrong = f"{shown(path.name)} of {size} bytes"
+        elif ending == ".parquet":
+            return parquet.read_table(path).to_pandas()
+        else:
             with path.open(encoding="utf-8") as file:
                 heading = file.readline(2 ** 20)
             # one block: the type of a column is then that of all its rows
             found = csv.read_csv(path, csv.ReadOptions(use_threads=False, block_size=size + 1),
                                  csv.ParseOptions(delimiter=max(",;\t", key=heading.count)))
             return found.rename_columns([name.lstrip("# ").strip() for name in found.column_names]).to_pandas()
-        wrong = f"{shown(path.name)} of {size} bytes"
     except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
         wrong = shortened(" ".join(str(getattr(error, "strerror", None) or error).split()), 160)
     raise ResultError(str(path), [Problem("file", wrong, f"expected a table, {' or '.join(ENDINGS)}, of at most "
@@ -203,16 +179,15 @@ def _frame(table: pd.DataFrame | Mapping[str, Any], origin: str) -> pd.DataFrame
     """A frame whose time is a column."""
     import pandas as pd
 
-    wrong = f"a {type(table).__name__}"
     try:
         table = pd.DataFrame(dict(table)) if isinstance(table, Mapping) else table
+        if not isinstance(table, pd.DataFrame):
+            raise ValueError(f"a {type(table).__name__}")
     except ValueError as error:  # lengths that differ, arrays of two dimensions
-        wrong = shortened(str(error), 160)
-    if not isinstance(table, pd.DataFrame):
-        raise ResultError(origin, [Problem("columns", wrong, "expected a file's name, a DataFrame or a mapping of "
-                                                             "arrays of one length")])
-    is_index = not set(TIME_NAMES) & set(table.columns) and table.index.name in TIME_NAMES
-    return table.reset_index() if is_index else table
+        raise ResultError(origin, [Problem("columns", shortened(str(error), 160), "expected a file's name, a DataFrame "
+                                           "or a mapping of arrays of one length")]) from None
+    has_time = set(TIME_NAMES) & set(table.columns)
+    return table.reset_index() if not has_time and table.index.name in TIME_NAMES else table
 
 
 def _chosen(found: list[str], scene: Scene,
@@ -223,27 +198,25 @@ def _chosen(found: list[str], scene: Scene,
     left_out, misspelt = [], []
     problems = [Problem("--map", shown(mine), f"expected a column of the table: {names(found)}"
                                               f"{did_you_mean(mine, found)}") for mine in mapping if mine not in found]
-    mapped = {column.lstrip("-") for column in mapping.values()}
+    time_is_mapped = {TIME, f"-{TIME}"} & set(mapping.values())
     for number, mine in enumerate(found):
-        column = mapping.get(mine, TIME if mine in TIME_NAMES and TIME not in mapped else mine)
-        name = column.removeprefix("-")
+        column = mapping.get(mine, TIME if mine in TIME_NAMES and not time_is_mapped else mine)
+        name, sign = column.removeprefix("-"), -1 if column.startswith("-") else 1
         if name in chosen:
             problems.append(Problem(shortened(mine), f"a second column {name}", "expected each once"))
         elif name in known and column != f"-{TIME}":
-            chosen[name] = number, -1 if column.startswith("-") else 1
+            chosen[name] = number, sign
         elif mine in mapping and name:
             problems.append(Problem("--map", shown(column), f"expected a column of the scene: {names(known)}"
-                                                            f"{did_you_mean(name, known)}"
-                                                            + "; times have no other sign" * (name == TIME)))
+                                    f"{did_you_mean(name, known)}" + "; times have no other sign" * (name == TIME)))
         elif mine not in mapping and (close := did_you_mean(mine, known)):
             misspelt.append(Problem(shortened(mine), "a name that the scene does not have", f"expected a column of the "
                                     f"scene{close}; --map MINE=COLUMN renames, --map MINE= leaves out"))
         else:
             left_out.append(mine)
     if len(misspelt) > _TYPING_ERRORS:
-        return chosen, left_out, [Problem("columns", names([problem.key for problem in misspelt]),
-                                          f"expected those of the scene: {names(known)}; is the table of another "
-                                          "scene?")]
+        problems, misspelt = [], [Problem("columns", names([problem.key for problem in misspelt]), "expected those of "
+                                          f"the scene: {names(known)}; is the table of another scene?")]
     return chosen, left_out, problems + misspelt
 
 

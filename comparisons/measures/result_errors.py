@@ -6,7 +6,7 @@ Nothing is interpolated between samples of the table but the error itself, where
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -34,8 +34,8 @@ KNOWN = 1e3
 class Hint(NamedTuple):
     """A cause that explains the errors of a column; `is_input` where the column must be read in another way."""
 
-    cause: str
-    is_input: bool
+    cause: str = ""
+    is_input: bool = False
 
 
 def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scene: Scene) -> pd.DataFrame:
@@ -48,43 +48,39 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
     single = np.isin(table.t, table.t[table.last[table.first == table.last]])
     rows = []
     for name, found in table.columns.items():
-        label = name.rpartition(".")[2]
+        label, unit, unsure = name.rpartition(".")[2], unit_of(name, scene), truth.uncertainty.get(name, 0.0)
         if name not in after or label == "mode" or name.startswith("drift."):
             continue
-        sides = np.stack([found - before[name], found - after[name]])
-        off = np.take_along_axis(sides, np.argmin(np.abs(sides), axis=0)[None], axis=0)[0]
+        off, other = found - after[name], found - before[name]
+        off = np.where(np.abs(other) <= np.abs(off), other, off)
         if label == "angle":
             off = off - TURN * np.round(off / TURN)
-        unit, size = unit_of(name, scene), float(np.max(np.abs(after[name])))
-        # a proof encloses positions and velocities
-        tier = truth.tier if label in CONTINUOUS[:6] else truth.effort_tier
-        row: dict[str, Any] = dict(zip(COLUMNS, (name, unit, size, tier)))
+        size, tier = float(np.max(np.abs(after[name]))), truth.effort_tier
+        time, error, measure = None, None, "left open at some instants"
         if label in CONTINUOUS:
             worst = int(np.argmax(np.abs(off)))
-            row |= {"measure": "largest", "error": abs(float(off[worst])), "at t [s]": float(table.t[worst]),
-                    "uncertainty": truth.uncertainty.get(name, 0.0)}
+            time, error, measure = float(table.t[worst]), abs(float(off[worst])), "largest"
+            tier = truth.tier if label in CONTINUOUS[:6] else tier  # a proof encloses positions and velocities
         elif is_known(trajectory, name):
             mean = effort_error(trajectory, truth, name)
-            row |= {"measure": "mean over time", "error": mean.value, "uncertainty": mean.uncertainty}
-        else:
-            row |= {"measure": "left open at some instants"}
-        known = np.isfinite(found).all() and size > KNOWN * truth.uncertainty.get(name, 0.0)
-        cause = hint(found[single], after[name][single], off[single], unit) if known and single.any() else None
-        rows.append(row | dict(zip(COLUMNS[-2:], cause or Hint("", False))))
-    return pd.DataFrame(rows, columns=COLUMNS)
+            error, unsure, measure = mean.value, mean.uncertainty, "mean over time"
+        known = np.isfinite(found).all() and size > KNOWN * truth.uncertainty.get(name, 0.0) and single.any()
+        cause = hint(found[single], after[name][single], off[single], unit) if known else Hint()
+        rows.append((name, unit, size, tier, time, error, unsure, measure, *cause))
+    return pd.DataFrame(rows, columns=COLUMNS).astype({"at t [s]": float, "error": float})
 
 
-def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hint | None:
-    """Return the cause that explains the differences `off` of a column from the truth; None without any.
+def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hint:
+    """Return what explains the differences `off` of a column from the truth, all of shape (n,); empty if nothing does.
 
-    All of shape (n,). Causes are other units, the other sign, a step early or late, another origin.
+    Causes are other units, the other sign, a step early or late, another origin.
     """
     error, size = float(np.mean(np.abs(off))), float(np.mean(np.abs(true)))
     if not error > SLIGHT * size:
-        return None
+        return Hint()
     left, best = min((float(np.mean(np.abs(other))), cause)
                      for cause, other in _causes(found, true, off, unit, error > COARSE * size))
-    return best if left <= EXPLAINS * min(error, size) else None
+    return best if left <= EXPLAINS * min(error, size) else Hint()
 
 
 def _causes(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str,

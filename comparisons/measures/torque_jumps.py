@@ -65,10 +65,15 @@ def torque_table(records: Iterable[Record], truths: Mapping[str, Truth], effort:
             rows.append({**record.describe(), "truth": truth.scene, "effort": effort, "truth tier": truth.effort_tier,
                          "truth note": truth.note})
             continue
-        for i, event in enumerate(truth.events):
-            if effort in event.before and abs(event.jump(effort)) >= SMALLEST:
-                rows.append({**record.describe(), "truth": truth.scene, **_row(record.trajectory, truth, i, effort)})
+        rows += [{**record.describe(), "truth": truth.scene, **row}
+                 for row in jump_rows(record.trajectory, truth, effort)]
     return pd.DataFrame(rows)
+
+
+def jump_rows(trajectory: Trajectory | None, truth: Truth, effort: str) -> list[dict[str, Any]]:
+    """Return a row per jump of the truth, read off a run as `torque_table` says; None is a run that failed."""
+    return [_row(trajectory, truth, i, effort) for i, event in enumerate(truth.events)
+            if effort in event.before and abs(event.jump(effort)) >= SMALLEST]
 
 
 def _row(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> dict[str, Any]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
@@ -14,7 +16,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from stiction.engines.examined import changed_modes
-from stiction.engines.fmu.variables import CO_SIMULATION, MODEL_EXCHANGE, FmuDeclared, Map, Variables
+from stiction.engines.fmu.variables import CO_SIMULATION, MODEL_EXCHANGE, Map, Variables
 from stiction.engines.protocol import EngineFailure, accepted
 from stiction.engines.registry import EngineMissing
 from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine, read_declaration
@@ -25,10 +27,7 @@ from stiction.scenes.wording import last_lines, shortened, shown
 
 MAP = ".map.toml"
 LOGGING = "logging"
-_CALLED_BY_CVODE = {"setTime", "setContinuousStates", "getDerivatives", "getContinuousStateDerivatives",
-                    "getEventIndicators"}
 _LIBRARIES = (".so", ".dylib", ".dll")
-_ATTRIBUTES = {CO_SIMULATION: "coSimulation", MODEL_EXCHANGE: "modelExchange"}  # as fmpy has them
 
 
 class FmuEngine(DeclaredEngine):
@@ -38,39 +37,31 @@ class FmuEngine(DeclaredEngine):
     fmpy's CVode integrates to rtol and locates events; where fmpy has no CVode, Euler's method steps by dt.
     Accelerations that the FMU does not give are differences of velocities, and forces follow from the balance of
     momentum. The setting `logging` turns the FMU's debug logging on: what it logs is in the reason of a failed run.
-
-    Raises
-    ------
-    FileError
-        With what is wrong in the file or in its map.
-    EngineMissing
-        If fmpy is not installed, or the FMU has no binary for this machine.
     """
+
+    version = ""
 
     def __init__(self, file: Path):
         import fmpy
 
-        self.file, self.name = file, file.stem
-        self._fmpy = accepted("fmpy", fmpy.__version__)
-        self.map_file = file.with_name(file.stem + MAP)
+        self.file, self.name, self.map_file = file, file.stem, file.with_name(file.stem + MAP)
+        used = accepted("fmpy", fmpy.__version__)
         chosen = read_declaration(self.map_file, Map) if self.map_file.is_file() else Map()
         self.variables, self.interface = _read(file, chosen, self.map_file)
-        folder = fmpy.platform_tuple if self.variables.description.fmiMajorVersion == 3 else fmpy.platform
+        about = self.variables.description
+        own = about.version or about.generationDateAndTime or about.guid
+        self.version = f"{shortened(own, 40)} (FMI {about.fmiVersion}, fmpy {used})"
+        folder = fmpy.platform_tuple if about.fmiMajorVersion == 3 else fmpy.platform
         with ZipFile(file) as archive:
             found = [name for name in archive.namelist() if name.startswith("binaries/") and name.endswith(_LIBRARIES)]
         if not any(name.startswith(f"binaries/{folder}/") for name in found):
             raise EngineMissing(f"{self.name}: found {', '.join(found) or 'no binaries'}; expected one in "
                                 f"binaries/{folder}")
         self.solver = "" if self.interface == CO_SIMULATION else "CVode" if has_cvode() else "Euler"
-        self.declared = FmuDeclared.model_validate(
-            {**chosen.capabilities.model_dump(), "adaptive": chosen.capabilities.adaptive or self.solver == "CVode",
-             "locates_events": chosen.capabilities.locates_events and self.solver == "CVode"})
-
-    @property
-    def version(self) -> str:
-        description = self.variables.description
-        own = description.version or description.generationDateAndTime or description.guid
-        return f"{shortened(own, 40)} (FMI {description.fmiVersion}, fmpy {self._fmpy})"
+        by_cvode = self.solver == "CVode"
+        self.declared = chosen.capabilities.model_copy(update={
+            "adaptive": chosen.capabilities.adaptive or by_cvode,
+            "locates_events": chosen.capabilities.locates_events and by_cvode})
 
     def content(self) -> bytes:
         chosen = self.map_file.read_bytes() if self.map_file.is_file() else b""
@@ -81,10 +72,10 @@ class FmuEngine(DeclaredEngine):
 
     def check_arguments(self, *, dt: float | None, rtol: float | None, fidelity: str,
                         settings: Mapping[str, Any]) -> None:
-        """Refuse what the interface does not take; co-simulation takes both, a step and a tolerance."""
-        both = self.interface == CO_SIMULATION
-        super().check_arguments(dt=None if both else dt, rtol=None if both else rtol, fidelity=fidelity,
-                                settings=settings)
+        """See `Engine.check_arguments`; co-simulation takes both, a step and a tolerance."""
+        if self.interface == CO_SIMULATION:
+            dt = rtol = None
+        super().check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
         if not isinstance(chosen := settings.get(LOGGING, False), bool):
             raise InputError(f"{LOGGING}: found {chosen!r}; expected true or false")
 
@@ -101,23 +92,21 @@ class FmuEngine(DeclaredEngine):
             rtol = rtol or DEFAULT_RTOL
             dt = t_end / math.ceil(t_end / output_step - 1e-9)
         grid = Grid.of(t_end, step_of(dt, t_end), output_step)
-        values = self.variables.settable(scene)
-        logging = {**self.default_settings(fidelity), **settings}[LOGGING]
+        values, logging = self.variables.settable(scene), settings.get(LOGGING, False)
         rows, setup, stepping = self._simulate(scene, grid, rtol, values, logging)
         with self.reading():
             table = result_table(self.variables.columns(scene, rows), scene.model_copy(update={"t_end": t_end}),
                                  origin=self.name)
-        until = float(table.t[-1])
         chosen = {"dt": grid.dt if by_steps else None, "rtol": rtol, "interface": self.interface,
                   "solver": f"{self.solver} (fmpy)" if self.solver else None, LOGGING: logging,
                   "parameters": " ".join(f"{name}={value:.12g}" for name, value in values.items()),
                   "units without a definition, taken as SI": ", ".join(self.variables.undefined_units(scene)) or None}
+        until, cost = float(table.t[-1]), Cost(setup, 0.0, stepping, {"steps": grid.last} if by_steps else {})
         return self.trajectory(
             scene, table, lambda columns: [
                 Event(time, kind, guide, before, after) for time, before, after in table.jumps(columns)
                 for kind, guide in changed_modes(scene.frictional_guides, before, after)],
-            {key: value for key, value in chosen.items() if value is not None},
-            Cost(setup, 0.0, stepping, {"steps": grid.last} if by_steps else {}),
+            {key: value for key, value in chosen.items() if value is not None}, cost,
             "end" if until > (grid.last - 0.5) * grid.dt else f"the FMU ended the run at t = {until:.9g} s")
 
     def _simulate(self, scene: Scene, grid: Grid, rtol: float | None, values: Mapping[str, float],
@@ -127,30 +116,29 @@ class FmuEngine(DeclaredEngine):
 
         description, began = self.variables.description, process_time()
         said: list[str] = []
-        failures: list[Exception] = []
-        kind = "CoSimulation" if self.interface == CO_SIMULATION else "ModelExchange"
+        failures: list[BaseException] = []
+        by_steps = self.interface == CO_SIMULATION
+        kind = "CoSimulation" if by_steps else "ModelExchange"
         with TemporaryDirectory(prefix="stiction-fmu-", ignore_cleanup_errors=True) as folder:
             try:
                 extract(self.file, folder)
                 fmu = instantiate_fmu(folder, description, kind, debug_logging=logging, logger=_logger(said))
-                for call in _CALLED_BY_CVODE & set(dir(fmu)):
-                    setattr(fmu, call, _noted(getattr(fmu, call), failures))
                 started = process_time()
-                rows = simulate_fmu(
-                    folder, fmu_instance=fmu, model_description=description, fmi_type=kind,
-                    start_time=0.0, stop_time=grid.last * grid.dt, step_size=grid.dt, output_interval=grid.dt,
-                    solver=self.solver, relative_tolerance=rtol, record_events=self.declared.locates_events,
-                    start_values=dict(values), output=self.variables.names(scene),
-                    step_finished=_thinned(grid.every) if self.interface == CO_SIMULATION else None)
+                with _noting(failures):
+                    rows = simulate_fmu(
+                        folder, fmu_instance=fmu, model_description=description, fmi_type=kind,
+                        start_time=0.0, stop_time=grid.last * grid.dt, step_size=grid.dt, output_interval=grid.dt,
+                        solver=self.solver, relative_tolerance=rtol, record_events=self.declared.locates_events,
+                        start_values=dict(values), output=self.variables.names(scene),
+                        step_finished=_thinned(grid.every) if by_steps else None)
                 if failures:
                     raise failures[0]
                 fmu.freeInstance()  # only here: after an error nothing is safe to call
             except Exception as error:  # fmpy raises Exception itself
-                first = failures[0] if failures else error
-                words = last_lines("\n".join(said))
-                more = "" if logging else f"; --setting {LOGGING}=true may bring more"
-                raise EngineFailure(f"{self.name}: {str(first) or type(first).__name__} "
-                                    + (f"It logged: {words}" if words else f"It logged nothing{more}")) from error
+                first, words = next(iter(failures), error), last_lines("\n".join(said))
+                logged = f"It logged: {words}" if words else "It logged nothing" + (
+                    "" if logging else f"; --setting {LOGGING}=true may bring more")
+                raise EngineFailure(f"{self.name}: {str(first) or type(first).__name__} {logged}") from error
         if self.solver == "Euler":
             rows = rows[::grid.every]
         return rows, started - began, process_time() - started
@@ -159,10 +147,9 @@ class FmuEngine(DeclaredEngine):
 def has_cvode() -> bool:
     """Return True where fmpy has a library of CVode for this machine."""
     try:
-        import fmpy.sundials  # noqa: F401 - loads it
+        return bool(import_module("fmpy.sundials"))
     except OSError:
         return False
-    return True
 
 
 def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str]:
@@ -171,7 +158,8 @@ def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str]:
 
     try:
         description = read_model_description(str(file), validate=False)
-        have = [interface for interface, name in _ATTRIBUTES.items() if getattr(description, name) is not None]
+        interfaces = {CO_SIMULATION: description.coSimulation, MODEL_EXCHANGE: description.modelExchange}
+        have = [name for name, found in interfaces.items() if found is not None]
         if description.fmiMajorVersion not in (2, 3) or not have:
             raise EngineFailure(f"FMI {description.fmiVersion}, {' and '.join(have) or 'no interface'}")
     except Exception as error:  # fmpy raises Exception itself, for versions and references
@@ -201,15 +189,18 @@ def _logger(said: list[str]) -> Callable[..., None]:
     return log
 
 
-def _noted(function: Callable[..., Any], failures: list[Exception]) -> Callable[..., Any]:
-    """Note what a call raises: behind a callback of C nobody else sees it."""
-    def call(*arguments: Any) -> Any:
-        try:
-            return function(*arguments)
-        except Exception as error:
-            failures.append(error)
-            raise
-    return call
+@contextmanager
+def _noting(failures: list[BaseException]) -> Iterator[None]:
+    """Note what is raised in a callback of C, behind which nobody else sees it."""
+    def note(lost: Any) -> None:
+        if "ctypes" in str(lost.err_msg):
+            failures.append(lost.exc_value)
+
+    before, sys.unraisablehook = sys.unraisablehook, note
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def _thinned(every: int) -> Callable[[float, Any], bool]:

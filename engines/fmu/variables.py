@@ -2,21 +2,7 @@
 
 A variable with the name of a column, such as ``slider.x``, is that column; one with the name of a parameter of the
 scene, or of a number in it, such as ``joints.guide.mu``, is set. What is named otherwise, and what the FMU can do,
-stands in ``model.map.toml`` next to ``model.fmu``:
-
-    scene = "slider-bar-*"                          # names of its scenes, as the text parameter stiction.scene has them
-    interface = "model exchange"                    # of an FMU that has both; else co-simulation
-
-    [columns]                                       # column = "variable", "-variable", or a number where it has none
-    slider.x = "s"
-    slider.y = 0
-
-    [parameters]                                    # of the scene = "variable"; "" sets nothing
-    mu = "friction.mu"
-
-    [capabilities]
-    friction_law = "Coulomb, set-valued"            # as of a program
-    locates_events = true                           # its events of model exchange change the variables GUIDE.mode
+stands in ``model.map.toml`` next to ``model.fmu``: `Map`; docs/how-to/fmu.md shows one.
 """
 
 from __future__ import annotations
@@ -54,8 +40,8 @@ def flattened(tables: Any) -> Any:
         return tables
     found: dict[str, Any] = {}
     for key, value in tables.items():
-        inner = flattened(value)
-        found |= {f"{key}.{rest}": one for rest, one in inner.items()} if isinstance(value, Mapping) else {key: value}
+        found |= {f"{key}.{rest}": one for rest, one in flattened(value).items()} if isinstance(value, Mapping) else {
+            key: value}
     return found
 
 
@@ -67,7 +53,13 @@ class FmuDeclared(Declared):
 
 
 class Map(Model):
-    """Names in an FMU that are not the scene's, and what it can do, as the module says."""
+    """Names in an FMU that are not the scene's, and what it can do.
+
+    `scene`: its scenes, as `SCENE` has them. `interface`: of an FMU that has both, else co-simulation. `columns`:
+    column -> ``"variable"``, ``"-variable"``, or a number where the FMU has none. `parameters`: name of a parameter or
+    number of the scene -> ``"variable"``; ``""`` sets nothing. Of the capabilities `locates_events` says that events of
+    model exchange change the variables ``GUIDE.mode``.
+    """
 
     scene: StrictStr = ""
     interface: Literal["co-simulation", "model exchange", ""] = ""
@@ -91,10 +83,10 @@ class Variables:
     def problems(self) -> Iterator[Problem]:
         """Yield what the map names and the FMU does not have."""
         known = self.by_name
-        named = [(f"columns.{key}", value, value.removeprefix("-")) for key, value in self.map.columns.items()
-                 if isinstance(value, str)]
-        named += [(f"parameters.{key}", value, value) for key, value in self.map.parameters.items() if value]
-        for key, value, name in named:
+        named = {f"columns.{key}": value for key, value in self.map.columns.items() if isinstance(value, str)}
+        named |= {f"parameters.{key}": value for key, value in self.map.parameters.items() if value}
+        for key, value in named.items():
+            name = value.removeprefix("-") if key.startswith("columns.") else value
             if name not in known:
                 yield Problem(key, shown(value), f"expected a variable of the FMU: {names(known)}"
                                                  f"{did_you_mean(name, known)}")
@@ -116,19 +108,19 @@ class Variables:
 
     def refusal(self, scene: Scene) -> str | None:
         """Why the FMU is not of this scene: another one stated, another constant, a column that it lacks."""
-        said = self.by_name.get(SCENE)
+        said, known, found = self.by_name.get(SCENE), columns_of(scene), self.sources(scene)
         stated = (self.map.scene or (said.start if said is not None else "") or "").split()
         if stated and not any(fnmatchcase(scene.name, pattern) for pattern in stated):
             return f"made for {' or '.join(stated)}; found {scene.name}"
-        if unknown := [column for column in self.map.columns if column not in columns_of(scene)]:
+        if unknown := [column for column in self.map.columns if column not in known]:
             return (f"{self.file}: columns.{unknown[0]}: {scene.name} has no such column"
-                    f"{did_you_mean(unknown[0], columns_of(scene))}")
+                    f"{did_you_mean(unknown[0], known)}")
         for key, variable, value in self._numbers(scene):
             if not _can_be_set(variable, value) and variable.start is not None and (
                     not math.isclose(float(variable.start), value, rel_tol=_SAME)):
                 return (f"{key} = {value:g} cannot be set in it: {variable.name} is {variable.start}, "
                         f"{variable.variability}, {variable.type}")
-        found, needed = self.sources(scene), state_columns(scene)
+        needed = state_columns(scene)
         if self.map.capabilities.locates_events:
             needed += [f"{body}.{label}" for body in scene.bodies for label in BODY_COLUMNS[2]]
             needed += [f"{guide}.mode" for guide in scene.frictional_guides]
@@ -139,8 +131,7 @@ class Variables:
 
     def settable(self, scene: Scene) -> dict[str, float]:
         """Values of the scene by the FMU's parameters, in the units of these."""
-        return {variable.name: value for _, variable, value in self._numbers(scene)
-                if _can_be_set(variable, value)}
+        return {variable.name: value for _, variable, value in self._numbers(scene) if _can_be_set(variable, value)}
 
     def names(self, scene: Scene) -> list[str]:
         """Names of the variables that are columns of the scene."""
@@ -149,8 +140,7 @@ class Variables:
     def undefined_units(self, scene: Scene) -> list[str]:
         """Names of units that the FMU uses and does not define: its numbers are taken as they are."""
         used = [self.by_name[name] for name in self.names(scene)] + [one for _, one, _ in self._numbers(scene)]
-        defined = {unit.name for unit in self.description.unitDefinitions if unit.baseUnit is not None}
-        return sorted({unit for variable in used if (unit := _unit_name(variable))} - defined)
+        return sorted({unit for variable in used if (unit := _unit_name(variable))} - self._units.keys())
 
     def columns(self, scene: Scene, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of the scene in SI units, from what fmpy has recorded, with the time as ``t``."""
@@ -160,24 +150,25 @@ class Variables:
 
     def _numbers(self, scene: Scene) -> Iterator[tuple[str, ModelVariable, float]]:
         """Name in the scene, variable, and value in its unit of each parameter that the scene has too."""
-        known, values = self.by_name, {**flattened(resolved_scene(scene)["scene"]), **scene.parameters}
-        for key, value in values.items():
-            variable = known.get(self.map.parameters.get(key, key))
-            if variable is None or not _is_number(variable) or isinstance(value, bool | str | list | None):
-                continue
-            if variable.causality == "parameter" or variable.variability == "constant":
+        for key, value in {**flattened(resolved_scene(scene)["scene"]), **scene.parameters}.items():
+            variable = self.by_name.get(self.map.parameters.get(key, key))
+            if variable is not None and _is_number(variable) and type(value) in (int, float) and (
+                    variable.causality == "parameter" or variable.variability == "constant"):
                 factor, offset = self._unit(variable)
                 yield key, variable, (value - offset) / factor
 
+    @cached_property
+    def _units(self) -> dict[str, tuple[float, float]]:
+        """Factor and offset to SI units by the name of a unit that the FMU defines."""
+        return {unit.name: (unit.baseUnit.factor, unit.baseUnit.offset)
+                for unit in self.description.unitDefinitions if unit.baseUnit is not None}
+
     def _unit(self, variable: ModelVariable) -> tuple[float, float]:
-        """Factor and offset from the variable's unit to SI units, as the FMU defines it."""
-        name = _unit_name(variable)
-        return next(((unit.baseUnit.factor, unit.baseUnit.offset) for unit in self.description.unitDefinitions
-                     if unit.name == name and unit.baseUnit is not None), (1.0, 0.0))
+        return self._units.get(_unit_name(variable), (1.0, 0.0))
 
 
-def _unit_name(variable: ModelVariable) -> str | None:
-    return variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
+def _unit_name(variable: ModelVariable) -> str:
+    return variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None) or ""
 
 
 def _is_number(variable: ModelVariable) -> bool:
@@ -185,6 +176,6 @@ def _is_number(variable: ModelVariable) -> bool:
 
 
 def _can_be_set(variable: ModelVariable, value: float) -> bool:
-    whole = not variable.type.startswith(("Real", "Float"))
+    is_whole = not variable.type.startswith(("Real", "Float"))
     return (variable.causality == "parameter" and variable.variability != "constant"
-            and not (whole and value != int(value)))
+            and not (is_whole and value != int(value)))

@@ -1,27 +1,6 @@
 """Declaration of a program that takes part as an engine, in a TOML file validated like a scene.
 
-    name = "mine"
-    command = ["./mine", "{scene}", "{result}", "{dt}", "{output_step}", "{settings}"]
-    version = ["./mine", "--version"]               # its first line of output is the version
-    folder = "."                                    # where both run; relative to this file; ./mine is looked up in it
-    result = "csv"                                  # or "parquet"
-    largest_file = 1024                             # MiB that a file of the program may have, what it prints included
-
-    [capabilities]
-    fidelity = "joint"                              # or "contact"
-    friction_law = "Coulomb, set-valued"            # without it: no friction, and scenes with friction are refused
-    static_coefficient = true                       # mus > mu
-    regularized = false                             # friction may leave Coulomb's cone
-    impulses = false                                # steps exchange impulses between velocities
-    adaptive = false                                # it takes {rtol} instead of {dt}
-    locates_events = false                          # it writes {events}
-    order = "1"
-
-    [settings]                                      # defaults; {settings} becomes an argument KEY=VALUE of each
-    iterations = 20
-
-    [environment]
-    OMP_NUM_THREADS = "1"
+docs/how-to/program.md shows one with every key.
 """
 
 from __future__ import annotations
@@ -48,7 +27,7 @@ _Words = Annotated[tuple[StrictStr, ...], Field(min_length=1)]
 
 
 class Declaration(Model):
-    """A program and how it is run, as the module says."""
+    """A program and how it is run."""
 
     name: Name
     command: _Words

@@ -51,43 +51,32 @@ class _Report(Model):
 
 
 class ProgramEngine(DeclaredEngine):
-    """A program that is declared in a TOML file (`stiction.engines.program.declaration`).
+    """A program that is declared in a TOML file (docs/how-to/program.md).
 
     It reads a scene in its resolved form, and writes a table: ``t``, positions and velocities of all bodies, and what
     it has of accelerations, reactions, frictions and modes, by the names of columns. Accelerations that it does not
     give are differences of velocities, and forces follow from the balance of momentum.
-
-    Raises
-    ------
-    FileError
-        With all problems of the file at once.
-    EngineMissing, EngineBroken
-        If there is no such program, or it does not answer with its version.
     """
 
+    version = ""
+
     def __init__(self, file: Path):
-        self.file, self.declaration = file, read_declaration(file, Declaration)
-        self.name, self.folder = self.declaration.name, file.parent / self.declaration.folder
-        self.declared = self.declaration.capabilities
+        self.file, self.declaration = file, (declared := read_declaration(file, Declaration))
+        self.name, self.folder, self.declared = declared.name, file.parent / declared.folder, declared.capabilities
         if os.name != "posix":
             raise EngineMissing(f"{self.name}: programs run on Linux and macOS")
         if not self.folder.is_dir():
             raise EngineMissing(f"{self.name}: found no folder {self.folder}; expected the working folder of its "
                                 "program")
-        command, (asked, *arguments) = self.declaration.command, self.declaration.version
-        self._program = self._found(command[0])
-        paths = [self._program, *(self.folder / word for word in command[1:])]
+        self._program = self._found(declared.command[0])
+        paths = [self._program, *(self.folder / word for word in declared.command[1:])]
         self._files = [path for path in paths if path.is_file()]
-        version = str(self._found(asked)), *arguments
-        self._version, words = _answer(version, self.folder, tuple(self.declaration.environment.items()), tuple(
-            (path, path.stat().st_mtime_ns, path.stat().st_size) for path in self._files))
-        if not self._version:
+        version = str(self._found(declared.version[0])), *declared.version[1:]
+        stamps = tuple((path, path.stat().st_mtime_ns, path.stat().st_size) for path in self._files)
+        self.version, words = _answer(version, self.folder, tuple(declared.environment.items()), stamps)
+        if not self.version:
             raise EngineBroken(f"{self.name}: its version command fails: {' '.join(version)}: {words}; expected a line "
                                "with the version")
-
-    @property
-    def version(self) -> str:
-        return self._version
 
     def _found(self, word: str) -> Path:
         """The program of a command: a path from the working folder where it has a slash, else one on PATH."""
@@ -117,8 +106,8 @@ class ProgramEngine(DeclaredEngine):
                      "events": place / "events.json"}
             files["scene"].write_text(resolved_text(handed), encoding="utf-8")
             numbers = {"t_end": t_end, "output_step": output_step, **method}
-            values = {key: str(path) for key, path in files.items()}
-            values |= {key: repr(float(value)) for key, value in numbers.items()}
+            values = {**{key: str(path) for key, path in files.items()},
+                      **{key: repr(float(value)) for key, value in numbers.items()}}
             words = [f"{key}={as_given(value)}" for key, value in chosen.items()]
             ended = self._ended([str(self._program), *declared.arguments(values, words)], place)
             if not files["result"].is_file():

@@ -24,40 +24,22 @@ class Ended(NamedTuple):
     """End of a program.
 
     `code`: exit code, or minus the signal that ended it; None where it was not started, or given up. `cpu_s`: seconds,
-    user and system, of the program and of those of its children that it waited for. `said`: the last lines of what it
-    printed, in one; why it was not started.
+    user and system, of the program and of those of its children that it waited for. `words`: the end in words, with
+    the last lines that it printed, `said`.
     """
 
     code: int | None
     cpu_s: float
-    said: str
-
-    @property
-    def words(self) -> str:
-        """The end in words, with the last lines."""
-        if self.code is None:
-            return self.said
-        name = signal.Signals(-self.code).name if -self.code in set(signal.Signals) else f"signal {-self.code}"
-        how = f"exit code {self.code}" if self.code >= 0 else f"ended by {name}"
-        return f"{how}: {self.said or 'nothing was printed'}"
+    words: str
+    said: str = ""
 
 
 def run_program(command: Sequence[str], folder: Path, environment: Mapping[str, str], log: Path, largest: int,
                 timeout_s: float | None = None) -> Ended:
-    """Run a program to its end; no shell reads its path and its arguments.
+    """Run a program in a folder to its end, or for `timeout_s` seconds.
 
-    Parameters
-    ----------
-    folder
-        Working folder of the program.
-    environment
-        Variables besides those of this process.
-    log
-        File for what the program prints.
-    largest
-        Bytes that a file of the program may have, `log` included; the system ends a program that writes more.
-    timeout_s
-        Seconds after which it is killed; no limit where None.
+    `environment` adds to the variables of this process. What the program prints goes to `log`. The system ends a
+    program that writes more than `largest` bytes to a file, `log` included.
     """
     # the end of its input, by an interrupt or by the end of this process too, ends the supervisor and what it started
     with subprocess.Popen([sys.executable, "-I", "-S", str(SUPERVISOR), str(log), str(largest), *command],
@@ -73,4 +55,7 @@ def run_program(command: Sequence[str], folder: Path, environment: Mapping[str, 
         return Ended(None, 0.0, rest or "its supervisor was killed")
     with log.open("rb") as file:
         file.seek(max(0, log.stat().st_size - LOG_BYTES))
-        return Ended(int(first), float(rest), last_lines(file.read().decode(errors="replace")))
+        said, code = last_lines(file.read().decode(errors="replace")), int(first)
+    name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+    how = f"exit code {code}" if code >= 0 else f"ended by {name}"
+    return Ended(code, float(rest), f"{how}: {said or 'nothing was printed'}", said)

@@ -25,23 +25,21 @@ def main(log: str, largest: str, *command: str) -> None:
     except OSError as error:
         print("error", error.strerror)
         return
-    killing = _thread.allocate_lock()
+    lock = _thread.allocate_lock()
 
-    def kill_group() -> None:
-        with killing:
+    def kill_group(wait_for_input: bool) -> None:
+        if wait_for_input:
+            os.read(0, 1)
+        with lock:
             try:
                 os.killpg(number, signal.SIGKILL)
             except (ProcessLookupError, PermissionError):  # macOS refuses for a group of processes that have ended
                 pass
 
-    def watch() -> None:
-        os.read(0, 1)
-        kill_group()
-
-    _thread.start_new_thread(watch, ())
+    _thread.start_new_thread(kill_group, (True,))
     os.waitid(os.P_PID, number, os.WEXITED | os.WNOWAIT)
-    kill_group()  # what it has left running
-    killing.acquire()  # for ever: once it is waited for, its number may be another's
+    kill_group(False)  # what it has left running
+    lock.acquire()  # for ever: once it is waited for, its number may be another's
     _, status, used = os.wait4(number, 0)
     print(os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime)
 

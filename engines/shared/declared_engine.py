@@ -28,7 +28,7 @@ DIFFERENCES = "differences of velocities (adapter)"
 
 
 class Declared(Model):
-    """Capabilities, as `stiction.engines.program.declaration` shows them."""
+    """Capabilities, as docs/how-to/program.md shows them."""
 
     fidelity: Literal["joint", "contact"] = "joint"
     friction_law: StrictStr = ""

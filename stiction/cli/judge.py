@@ -48,8 +48,8 @@ def judge(scene: Annotated[str, typer.Argument(
         mapping = parse_map(names)
     with about("--units"):
         sizes = parse_units(units)
-    if out is not None:
-        with about("--out"):
+    with about("--out"):
+        if out is not None:
             check_folder(out, MAIN)
     is_folder = is_truth_folder(scene)
     if is_folder and overrides:
@@ -91,10 +91,10 @@ def dataset(folder: Annotated[Path, typer.Argument(
 
 def _verdict(judged: Judgement, max_error: float | None) -> tuple[int, str] | None:
     """Exit code and reason of a table that is misread, or misses the bound."""
-    origin, error, unsure = judged.table.origin, judged.error, judged.uncertainty
+    origin, error, unsure, t = judged.table.origin, judged.error, judged.uncertainty, judged.trajectory.t
     if judged.is_misread:
-        return BAD_INPUT, f"{origin}: " + "; ".join(f"{', '.join(columns)}: {cause}"
-                                                    for cause, columns in judged.hints.items())
+        causes = "; ".join(f"{', '.join(columns)}: {cause}" for cause, columns in judged.hints.items())
+        return BAD_INPUT, f"{origin}: {causes}"
     if max_error is None:
         return None
     if error is None or unsure is None:
@@ -103,7 +103,6 @@ def _verdict(judged: Judgement, max_error: float | None) -> tuple[int, str] | No
         return BAD_INPUT, (f"--max-error: found {max_error:g} m; expected more than the uncertainty of the truth, "
                            f"{unsure:.2g} m")
     if not judged.is_complete:
-        t = judged.trajectory.t
         return REGRESSED, (f"{origin}: found times from {t[0]:g} to {t[-1]:g} s; expected 0 to {judged.scene.t_end:g} "
                            "s (--t-end says otherwise)")
     if error > max_error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -78,10 +79,10 @@ def schema(out: Annotated[Path | None, typer.Option(
         "--resolved", help="That of the JSON which programs read: numbers evaluated, every key there.")] = False
            ) -> None:
     """Print the JSON schema of the scene format, for editors, or of resolved scenes, for programs."""
-    from stiction.scenes.resolved import resolved_schema_text
+    from stiction.scenes.resolved import resolved_schema
     from stiction.scenes.schema import scene_schema_text
 
-    print_or_write(resolved_schema_text() if resolved else scene_schema_text(), out)
+    print_or_write(json.dumps(resolved_schema(), indent=1) + "\n" if resolved else scene_schema_text(), out)
 
 
 def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | None) -> None:

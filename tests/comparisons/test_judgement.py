@@ -7,8 +7,8 @@ import pytest
 import stiction
 from stiction.comparisons.judgement import FOUND, INVENTED, MISSED, UNRESOLVED, judge
 from stiction.comparisons.measures.scene_truth import ground_truth
-from stiction.scenes import InputError, load_scene
-from stiction.scenes.result_table import ResultError, parse_units
+from stiction.scenes import load_scene
+from stiction.scenes.result_table import parse_units
 from stiction.scenes.trajectory import events_frame
 
 CASE = "slider-bar-case-1"
@@ -55,12 +55,9 @@ class TestRight:
         assert judged.tables["findings"].empty
         summary = judged.tables["summary"].loc[0]
         assert summary["energy error [J]"] <= summary["energy uncertainty [J]"] < 0.01 * summary["energy exchanged [J]"]
-
-    def test_two_sides_make_efforts_exact(self, compiled):
-        judged = judge(CASE, true_table(two_sided=True))
-        assert error_of(judged, "motor.effort")["uncertainty"] < 1e-8
-        assert judged.tables["summary"].at[0, "events matched"] == 25
-        assert judged.tables["jumps"]["jump error [N m]"].abs().max() < 1e-9
+        if two_sided:  # efforts are exact
+            assert error_of(judged, "motor.effort")["uncertainty"] < 1e-8 and summary["events matched"] == 25
+            assert judged.tables["jumps"]["jump error [N m]"].abs().max() < 1e-9
 
     def test_positions_are_enough(self, compiled, frame):
         judged = judge(CASE, only(frame, *POSITIONS))
@@ -73,11 +70,6 @@ class TestRight:
         judged = judge(CASE, true_table(step=0.1))
         effort = error_of(judged, "motor.effort")
         assert judged.error < 1e-12 and effort["error"] <= effort["uncertainty"]
-
-    def test_a_run_of_ours(self, compiled):
-        run = stiction.load_engine("reference").simulate(load_scene(CASE), t_end=8, rtol=1e-10)
-        judged = stiction.judge(load_scene(CASE), run, t_end=8)
-        assert judged.error < 1e-9 and judged.is_complete
 
     @pytest.mark.parametrize("two_sided", [False, True])
     @pytest.mark.parametrize("name", ["coulomb-oscillator", "elliptic-trammel", "hard/wedged-slider", "hard/three-stop-at-once",
@@ -136,33 +128,24 @@ class TestWrong:
         judged = judge(CASE, only(frame, "slider.x").assign(**{"slider.x": frame["slider.x"] - 0.25}))
         assert judged.is_misread and judged.error == pytest.approx(0.25)
 
-    def test_energy_that_is_not_accounted_for(self, compiled, frame):
+    def test_energy_velocities_and_constraints_that_do_not_fit(self, compiled, frame):
         summary = judge(CASE, frame.assign(**{"motor.effort": 1.1 * frame["motor.effort"]})).tables["summary"].loc[0]
         assert summary["energy error [J]"] > 3 * summary["energy uncertainty [J]"]
-
-    def test_velocities_of_another_motion(self, compiled, frame):
-        frame = only(frame, *POSITIONS, *VELOCITIES)
-        faster = frame.assign(**{"slider.vx": 1.2 * frame["slider.vx"], "bar.vx": 1.2 * frame["bar.vx"]})
+        states = only(frame, *POSITIONS, *VELOCITIES)
+        faster = states.assign(**{"slider.vx": 1.2 * frame["slider.vx"], "bar.vx": 1.2 * frame["bar.vx"]})
         assert any("velocities" in finding for finding in judge(CASE, faster).tables["findings"]["finding"])
-
-    def test_states_off_the_constraints(self, compiled, frame):
-        off = frame.assign(**{"slider.y": frame["slider.y"] + 1e-3 * frame["t"]})
-        judged = judge(CASE, only(off, *POSITIONS))
-        assert judged.tables["summary"].at[0, "position drift, max [m]"] == pytest.approx(0.024 * np.sqrt(2), rel=0.01)
+        off = only(frame, *POSITIONS).assign(**{"slider.y": frame["slider.y"] + 1e-3 * frame["t"]})
+        assert judge(CASE, off).tables["summary"].at[0, "position drift, max [m]"] == pytest.approx(0.024 * np.sqrt(2), rel=0.01)
 
     def test_what_a_table_does_not_cover_is_not_counted(self, compiled, frame):
         late = judge(CASE, frame[frame["t"] >= 19])
         assert not late.is_complete and verdicts(late) == [FOUND]
         assert late.tables["jumps"]["event time [s]"].min() >= 19 and late.tables["jumps"]["resolved"].all()
 
-    def test_two_rows_are_a_table(self, compiled, frame):
-        judged = judge(CASE, frame[:2])
+    def test_two_rows_are_a_table_and_half_a_one_is_not_complete(self, compiled, frame):
+        judged, half = judge(CASE, frame[:2]), frame[frame["t"] <= 12]
         assert judged.error < 1e-12 and not judged.is_complete and not verdicts(judged)
-
-    def test_half_a_table_is_not_complete(self, compiled, frame):
-        half = frame[frame["t"] <= 12]
-        assert not judge(CASE, half).is_complete
-        assert judge(CASE, half, t_end=12).is_complete
+        assert not judge(CASE, half).is_complete and judge(CASE, half, t_end=12).is_complete
 
 
 class TestSampling:
@@ -193,16 +176,10 @@ class TestTruths:
 
     def test_a_scene_without_friction(self, compiled):
         judged = judge("pendulum", true_table(name="pendulum"))
-        assert judged.error < 1e-12 and judged.tables["stick-phases"].empty
+        assert judged.error < 1e-12 and judged.tables["stick-phases"].empty and list(judged.tables["jumps"]) == ["effort"]
 
 
 def test_events_of_a_table_without_modes_are_those_of_the_truth(compiled):
     judged = judge(CASE, only(true_table(two_sided=True), ".x", ".effort"))
     found, true = events_frame(judged.trajectory.events), events_frame(judged.truth.events)
     assert list(found["kind"]) == list(true["kind"])
-
-
-@pytest.mark.parametrize("wrong", [b"", 3, {"t": [0, 1]}, "nowhere.csv", pd.DataFrame()])
-def test_what_is_no_table(wrong):
-    with pytest.raises((ResultError, InputError)):
-        judge(CASE, wrong)

@@ -125,13 +125,12 @@ def test_without_cvode_euler_steps_by_dt(exchange, monkeypatch):
 def test_map_gives_names_signs_numbers_and_units(exchange):
     scene = load_scene(CASES[0])
     plain = exchange().simulate(scene, t_end=2, rtol=1e-8)
-    mapped = exchange('[columns]\nslider.x = "s"\nbar.x = "-minus.x"\nslider.y = 0\n"bar.angle" = "degrees"\n[parameters]\nmu = "friction.mu"\n'
-                      '"joints.guide.mus" = "friction.mus"', names={"slider.x": "s", "bar.angle": "radians", "slider.y": "other", "bar.x": "minus.x",
-                                                                    "mu": "friction.mu", "mus": "friction.mus"}).simulate
-    with pytest.raises(EngineFailure, match="bar.x"):  # the sign is wrong, and the start tells
-        mapped(scene, t_end=2, rtol=1e-8)
-    run = exchange('[columns]\nslider.x = "s"\nslider.y = 0\n"bar.angle" = "degrees"\n[parameters]\nmu = "friction.mu"\n"joints.guide.mus" = "friction.mus"',
-                   names={"slider.x": "s", "bar.angle": "radians", "slider.y": "other", "mu": "friction.mu", "mus": "friction.mus"}).simulate(scene, t_end=2, rtol=1e-8)
+    chosen = ('[columns]\nslider.x = "s"\nslider.y = 0\n"bar.angle" = "degrees"\n{}\n[parameters]\nmu = "friction.mu"\n'
+              '"joints.guide.mus" = "friction.mus"')
+    others = {"slider.x": "s", "bar.angle": "radians", "slider.y": "other", "mu": "friction.mu", "mus": "friction.mus"}
+    with pytest.raises(EngineFailure, match="bar.x = -"):  # the sign is wrong, and the start tells
+        exchange(chosen.format('bar.x = "-minus.x"'), names={**others, "bar.x": "minus.x"}).simulate(scene, t_end=2, rtol=1e-8)
+    run = exchange(chosen.format(""), names=others).simulate(scene, t_end=2, rtol=1e-8)
     for column in ("slider.x", "bar.angle", "slider.y", "guide.friction"):
         np.testing.assert_allclose(run[column], plain[column], atol=1e-12)
 
@@ -163,10 +162,7 @@ def test_another_number_that_cannot_be_set_is_refused(exchange):
 def test_scenes_that_are_refused(exchange, chosen, options, scene, words):
     with pytest.raises(Refused, match=words):
         exchange(chosen, **options).simulate(load_scene(scene))
-
-
-def test_an_fmu_without_a_stated_scene_runs_what_it_has_columns_for(exchange):
-    engine = exchange(scene="")
+    engine = exchange(scene="")  # runs what it has columns for
     assert engine.refusal(load_scene(CASES[2]), "joint") is None and "x, " in engine.refusal(load_scene("pendulum"), "joint")
 
 

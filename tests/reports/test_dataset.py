@@ -37,13 +37,10 @@ def test_scenes_with_an_independent_truth(folder):
                                       check_dtype=False, check_exact=False, rtol=1e-15)
 
 
-def test_a_stranger_finds_his_way(folder):
+def test_a_stranger_finds_his_way_and_checks_sums(folder):
     text = (folder / "README.md").read_text(encoding="utf-8")
     assert all(name in text for name in NAMES[:3]) and "{" not in text and "BSD-3-Clause" in text
     assert "Redistribution" in (folder / "LICENSE").read_text() and "cff-version" in (folder / "CITATION.cff").read_text()
-
-
-def test_checksums(folder):
     for sums in folder.rglob("SHA256SUMS"):
         listed = dict(reversed(line.split("  ")) for line in sums.read_text().splitlines())
         files = {path.relative_to(sums.parent).as_posix(): path for path in sums.parent.rglob("*") if path.is_file() and path != sums}

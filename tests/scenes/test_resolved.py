@@ -89,31 +89,24 @@ def test_what_is_left_out_has_its_value():
     assert smooth["mu"] is smooth["mus"] is None
 
 
-@pytest.mark.parametrize("change", [
-    lambda found: found.update(version=2),
-    lambda found: found.update(format="stiction scene"),
-    lambda found: found.pop("name"),
-    lambda found: found.update(scene=[1]),
-    lambda found: found["scene"].pop("bodies"),
-    lambda found: found["scene"]["bodies"]["bar"].update(mass=-1.0),
-], ids=range(6))
-def test_refused_by_the_loader_and_by_the_schema(change, validator):
+@pytest.mark.parametrize(("change", "loads"), [
+    (lambda found: found.update(version=2), False),
+    (lambda found: found.update(format="stiction scene"), False),
+    (lambda found: found.pop("name"), False),
+    (lambda found: found.update(scene=[1]), False),
+    (lambda found: found["scene"].pop("bodies"), False),
+    (lambda found: found["scene"]["bodies"]["bar"].update(mass=-1.0), False),
+    (lambda found: found["scene"]["bodies"]["bar"].update(mass="m2"), True),
+    (lambda found: found["scene"]["bodies"]["bar"].pop("angle"), True),
+    (lambda found: found["scene"].update(parameters={}), True),
+], ids=range(9))
+def test_refused_by_the_schema_and_unless_a_scene_file_may_have_it_by_the_loader(change, loads, validator):
     found = resolved_scene(load_scene(CASE))
     change(found)
     assert list(validator.iter_errors(found))
-    with pytest.raises(SceneError):
-        load_resolved(json.dumps(found))
-
-
-@pytest.mark.parametrize("change", [
-    lambda scene: scene["bodies"]["bar"].update(mass="m2"),
-    lambda scene: scene["bodies"]["bar"].pop("angle"),
-    lambda scene: scene.update(parameters={}),
-], ids=range(3))
-def test_arithmetic_and_keys_left_out_are_not_resolved(change, validator):
-    found = resolved_scene(load_scene(CASE))
-    change(found["scene"])
-    assert list(validator.iter_errors(found))
+    if not loads:
+        with pytest.raises(SceneError):
+            load_resolved(json.dumps(found))
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", "[" * 100_000, "null"], ids=range(5))

@@ -1,6 +1,5 @@
 """A program as an engine: what it is given, what becomes of its result, and what becomes of its failures."""
 
-import inspect
 import json
 import os
 import sys
@@ -20,7 +19,6 @@ from stiction.comparisons.timing.rounds import seconds_of
 from stiction.comparisons.variants import Record
 from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Outcome, Refused, UnknownEngine,
                               load_engine, run_isolated)
-from stiction.engines.program import declaration
 from stiction.engines.program.declaration import Declaration
 from stiction.engines.shared.declared_engine import DIFFERENCES
 from stiction.scenes import FileError, InputError, load_scene, scene_from_dict, vary
@@ -41,6 +39,7 @@ def write(rows, names=names):
         for row in [names, *rows]: print(*row, sep=",", file=file)
 """
 GOOD = "write(rows)"
+FLOWN = [sys.executable, "flight.py", "{scene}", "{result}", "{dt}", "{output_step}"]
 
 
 @pytest.fixture
@@ -69,10 +68,8 @@ class TestResult:
         np.testing.assert_allclose(found["ball.y"], 4 * t - 5 * t ** 2, atol=1e-14)
         assert found.settings["dt"] == 0.01 and "accelerations" not in found.settings
         assert found.cost.stepping_s > 0.001  # of the program, which Python alone takes to start
-
-    def test_parquet(self, program):
         text = "import pandas as pd\npd.DataFrame(rows, columns=names).to_parquet(result_file)"
-        np.testing.assert_array_equal(simulate(program(text, result="parquet"))["ball.x"], simulate(program())["ball.x"])
+        np.testing.assert_array_equal(simulate(program(text, result="parquet"))["ball.x"], found["ball.x"])
 
     def test_accelerations_left_out_are_differences_and_the_run_says_so(self, program):
         found = simulate(program("write([row[:7] for row in rows], names[:7])"))
@@ -90,7 +87,7 @@ class TestResult:
 
     def test_counters_setup_and_reason_of_an_early_end(self, program):
         text = "write(rows[:6])\njson.dump({'counters': {'steps': 7}, 'setup_s': 1e-4, 'termination': 'no solution'}, open(others[0], 'w'))"
-        found = simulate(program(text, command=[sys.executable, "flight.py", "{scene}", "{result}", "{dt}", "{output_step}", "{events}"]))
+        found = simulate(program(text, command=[*FLOWN, "{events}"]))
         assert found.termination == "no solution" and found.t[-1] == 0.5
         assert found.cost.counters == {"steps": 7} and found.cost.setup_s == 1e-4
 
@@ -102,9 +99,8 @@ class TestResult:
     @pytest.mark.parametrize("part", [0.01, 1e9])
     def test_a_program_may_say_which_part_is_its_solver_s(self, part, program):
         """At most all of it; the whole counts besides."""
-        words = ["{scene}", "{result}", "{dt}", "{output_step}", "{events}"]
         text = f"{GOOD}\njson.dump({{'engine_s': {part}}}, open(others[0], 'w'))"
-        cost = simulate(program(text, command=[sys.executable, "flight.py", *words])).cost
+        cost = simulate(program(text, command=[*FLOWN, "{events}"])).cost
         assert cost.own_s == min(part, cost.stepping_s) and cost.stepping_s > 0.01
 
     def test_settings_environment_and_folder(self, program, tmp_path):
@@ -143,9 +139,8 @@ json.dump({"events": [{"time": WHEN, "kind": "stick", "joint": "guide"}]}, open(
 class TestEvents:
     @pytest.fixture
     def stopping(self, program):
-        return lambda when: program(STOPS.replace("WHEN", when), command=[
-            sys.executable, "flight.py", "{scene}", "{result}", "{dt}", "{output_step}", "{events}"],
-            capabilities={"locates_events": True, "friction_law": "Coulomb"})
+        return lambda when: program(STOPS.replace("WHEN", when), command=[*FLOWN, "{events}"],
+                                    capabilities={"locates_events": True, "friction_law": "Coulomb"})
 
     def test_both_rows_of_its_time_are_its_sides(self, stopping):
         found = simulate(stopping("0.5"), BLOCK)
@@ -159,13 +154,10 @@ class TestEvents:
             simulate(stopping(when), BLOCK)
 
 
-class TestRefusals:
-    def test_by_exit_code(self, program):
-        with pytest.raises(Refused, match="no such joint"):
-            simulate(program("print('no such joint', file=sys.stderr); sys.exit(77)"))
-
-    @pytest.mark.parametrize(("can", "words"), [({}, "friction law"), ({"friction_law": "Coulomb"}, "mus")])
-    def test_by_what_is_declared(self, program, can, words):
+def test_refusals_by_exit_code_and_by_what_is_declared(program):
+    with pytest.raises(Refused, match="no such joint"):
+        simulate(program("print('no such joint', file=sys.stderr); sys.exit(77)"))
+    for can, words in (({}, "friction law"), ({"friction_law": "Coulomb"}, "mus")):
         with pytest.raises(Refused, match=words):
             simulate(program(capabilities=can), load_scene("slider-bar-case-1"))
 
@@ -227,10 +219,8 @@ class TestFailures:
             time.sleep(0.05)
 
     def test_what_a_program_leaves_running_ends_with_it(self, program, tmp_path):
-        text = ("import subprocess\nchild = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])\n"
-                "open(os.path.join(os.path.dirname(sys.argv[0]), 'pids'), 'w').write(str(child.pid))\n" + GOOD)
-        simulate(program(text))
-        assert not runs(int((tmp_path / "pids").read_text()))
+        simulate(program(HANGS.replace("time.sleep(600)\n", GOOD)))
+        assert not any(map(runs, map(int, (tmp_path / "pids").read_text().split()[:2])))
 
     @pytest.mark.parametrize("program_of", ["not-there", "./not-there", "{folder}", "{text}", "{{scene}}"])
     @pytest.mark.parametrize("key", ["command", "version"])
@@ -286,11 +276,11 @@ class TestDeclaration:
         with pytest.raises(InputError, match=words):
             load_engine(program(**change))
 
-    def test_example_of_the_module_is_one(self):
-        text = inspect.getdoc(declaration).partition("\n")[2]
+    def test_example_of_the_documentation_is_one_and_other_files_are_refused(self, tmp_path):
+        page = (Path(__file__).parents[3] / "docs" / "how-to" / "program.md").read_text(encoding="utf-8")
+        [text] = [block for block in page.split("```toml\n") if block.startswith('name = "mine"')]
+        text = text.partition("```")[0]
         assert Declaration.model_validate(tomllib.loads(text)).capabilities.friction_law
-
-    def test_file_that_is_not_there_or_no_toml(self, tmp_path):
         (tmp_path / "x.toml").write_text("name = ")
         with pytest.raises(FileError, match="file"):
             load_engine(str(tmp_path / "x.toml"))

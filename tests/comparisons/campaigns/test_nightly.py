@@ -151,7 +151,7 @@ class TestControl:
         monkeypatch.setattr("stiction.comparisons.timing.older_code.COMPILING", 0.0)
         [_, hanging] = load_campaign("small.toml").of_engine("damaged_solvers:Hanging").runs
         [_, fine] = load_campaign("small.toml").runs
-        with closing(older_code._Code(ROOT, [older_code._task(run, run.variant) for run in (hanging, fine)], limit_s=0.5)) as code:
+        with closing(older_code._Code(ROOT, [older_code._task(run, run.variant, False) for run in (hanging, fine)], limit_s=0.5)) as code:
             assert code.timed(0) == code.timed(0) == "no result within 0.5 s"
             code._limit_s = 600.0  # no test hangs on the load of the machine
             assert code.timed(1)[TOTAL] > 0

@@ -161,7 +161,7 @@ def measured_rounding(campaign: Campaign, rows: Sequence[Row], on_start: OnStart
     for run, row in zip(again, _measure(again, untimed, kinds, isolate, on_start, on_result), strict=True):
         if row.status not in (NOT_RUN, "timed out", "crashed"):  # these are of a busy machine, and no rounding
             found[replace(run, way="").key].append(row)
-    return with_rounding(rows, found)
+    return [with_rounding(row, found[row.key]) for row in rows]
 
 
 def _with_first_nights(baseline: Baseline, rows: Sequence[Row], history: History,

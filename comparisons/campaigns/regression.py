@@ -26,7 +26,7 @@ from types import MappingProxyType
 
 from stiction.comparisons.campaigns.baseline import Baseline, Expected, moved_truths
 from stiction.comparisons.campaigns.measurement import MOTION, RANDOM, TRUTH, Metric, Row
-from stiction.comparisons.campaigns.tolerances import FURTHER, MARGIN, PATH_MOVED, bound, margin_of, not_judged
+from stiction.comparisons.campaigns.tolerances import FURTHER, MARGIN, PATH_MOVED, bound, not_judged
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.timing.older_code import TOTAL
@@ -231,7 +231,7 @@ def _of_own_truth(row: Row, old: Metric, new: Metric) -> Finding | None:
 
 
 def _of_error(row: Row, old: Metric, new: Metric) -> Finding | None:
-    margin, ratio = margin_of(new.tier, _uncertainty(old, new)), _ratio(old.value, new.value)
+    margin, ratio = MARGIN[new.tier] * _uncertainty(old, new), _ratio(old.value, new.value)
     most = bound(old.value, row.parameter, margin)
     if new.value > most:
         words = f"{ratio:.3g} times the baseline's, against the truth ({new.tier}); allowed up to {most:.2g}"

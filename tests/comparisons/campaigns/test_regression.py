@@ -272,31 +272,31 @@ def test_only_runs_that_the_baseline_has_count_as_compared():
 class TestRounding:
     SCENE = load_scene("slider-bar-case-1")
 
-    def again(self, *values: float, status: str = "ok") -> dict[str, list[Row]]:
-        return {RUN.key: [replace(changed(RUN, position_error=value), status=status) for value in values]}
+    def again(self, *values: float) -> list[Row]:
+        return [changed(RUN, position_error=value) for value in values]
 
     def test_it_is_the_largest_difference(self):
-        [row] = with_rounding([RUN], self.again(1.1e-6, 0.7e-6, 1.2e-6, 1.01e-6, 1.02e-6))
+        row = with_rounding(RUN, self.again(1.1e-6, 0.7e-6, 1.2e-6, 1.01e-6, 1.02e-6))
         moved = {metric.name: metric.rounding for metric in row.metrics}
         assert moved["position error [m]"] == pytest.approx(3e-7) and moved["rhs"] == 0 and moved[TIME] is None
         assert row.other_ends == ()
 
     def test_a_number_that_is_not_always_there_has_no_bound(self):
         again = self.again(1.1e-6, 0.7e-6, 1.2e-6, 1.01e-6, 1.02e-6)
-        again[RUN.key][0] = replace(RUN, status="failed", metrics=())
-        [row] = with_rounding([RUN], again)
+        again[0] = replace(RUN, status="failed", metrics=())
+        row = with_rounding(RUN, again)
         assert {metric.rounding for metric in row.metrics if metric.kind != "time"} == {math.inf}
         assert row.other_ends == ("failed",)
 
     def test_samples_are_no_rounding_of_counters(self):
-        again = {RUN.key: [RUN] * (len(WAYS) - 1) + [changed(RUN, rhs=50, position_error=2e-6, events_matched=6)]}
-        [row] = with_rounding([RUN], again)
+        again = [RUN] * (len(WAYS) - 1) + [changed(RUN, rhs=50, position_error=2e-6, events_matched=6)]
+        row = with_rounding(RUN, again)
         assert {metric.name: metric.rounding
                 for metric in row.metrics if metric.name in ("rhs", "position error [m]", "events matched")} == {
             "rhs": 0, "position error [m]": pytest.approx(1e-6 / FURTHER["accuracy"]), "events matched": 1}
 
     def test_a_run_that_was_not_made_again_every_way_stays_unknown(self):
-        assert with_rounding([RUN], self.again(1.1e-6, 0.7e-6)) == with_rounding([RUN], {}) == [RUN]
+        assert with_rounding(RUN, self.again(1.1e-6, 0.7e-6)) == with_rounding(RUN, []) == RUN
 
     def test_the_motion_is_the_same_but_for_rounding(self, compiled):
         engine, runs = load_engine("reference"), []

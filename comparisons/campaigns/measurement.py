@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -84,8 +84,8 @@ class Metric:
 class Row:
     """A run, its status, and its numbers; of a truth, `variant` and `engine` are `TRUTH`, `parameter` is empty.
 
-    `key` is its name, unique in a campaign; `identity` is that of a `PlannedRun`. `traceback` is that of a bug, which
-    no history keeps. `other_ends` are the outcomes that the run has with other rounding, where that was measured.
+    `key` and `identity` are those of a `PlannedRun`. `traceback` is that of a bug, which no history keeps. `other_ends`
+    are the outcomes that the run has with other rounding, where that was measured.
     """
 
     key: str
@@ -205,17 +205,18 @@ def _run_row(run: PlannedRun, variant: Variant, kinds: Collection[str], repeats:
     arguments = job(run.scene, variant, run.step, output_step=output_step).arguments
     trajectory = solver.simulate(given, **arguments)
     status, reason = "ok", "" if trajectory.termination == "end" else trajectory.termination
-    metrics: list[Metric] = []
+    found, metrics = drift(trajectory), [Metric(PATH, MOTION, path_length(trajectory))]
+    metrics += [Metric(name, "drift", found[name], ROUNDING, CLOSED_FORM) for name in _DRIFT if name in found]
+    if (decay := decay_error(trajectory, scene)) is not None:
+        metrics.append(Metric(DECAY_ERROR, "drift", decay.value, decay.uncertainty, CLOSED_FORM))
+    metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
     if {"accuracy", "event"} & set(kinds):
         truth = ground_truth(scene)
         if truth.tier == NO_TRUTH:
             reason = reason or f"no truth to compare with: {truth.note}"
         found = errors(trajectory, truth, size_of(scene))
         status, reason = found.get("status", status), found.get("reason", reason)
-        metrics += _errors(found, truth)
-    metrics.append(Metric(PATH, MOTION, path_length(trajectory)))
-    metrics += _drifts(trajectory, scene)
-    metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
+        metrics = [*_errors(found, truth), *metrics]
     if "time" in kinds and status == "ok" and trajectory.termination == "end":
         metrics.append(Metric(TIME, "time", *relative_time(bare_run(solver, given, arguments), repeats)))
     return replace(run.row, version=trajectory.version, status=status, reason=reason, settings=trajectory.settings,
@@ -237,13 +238,6 @@ def path_length(trajectory: Trajectory) -> float:
     return float(sum(np.trapezoid(speed, trajectory.t) for speed in speeds))
 
 
-def _drifts(trajectory: Trajectory, scene: Scene) -> Iterator[Metric]:
-    found = drift(trajectory)
-    yield from (Metric(name, "drift", found[name], ROUNDING, CLOSED_FORM) for name in _DRIFT if name in found)
-    if (decay := decay_error(trajectory, scene)) is not None:
-        yield Metric(DECAY_ERROR, "drift", decay.value, decay.uncertainty, CLOSED_FORM)
-
-
 def _truth_row(run: PlannedRun) -> Row:
     """Find where the bodies are at the end, and the events on the way, in the child."""
     truth = ground_truth(run.scene)
@@ -251,9 +245,11 @@ def _truth_row(run: PlannedRun) -> Row:
     metrics = [Metric(f"{body}.{name} at the end [{unit}]", TRUTH, float(end[f"{body}.{name}"][0]),
                       truth.uncertainty.get(f"{body}.{name}"), truth.tier)
                for body in run.scene.bodies for name, unit in _STATE.items() if f"{body}.{name}" in end]
-    for (kind, joint), count in sorted(Counter((event.kind, event.joint) for event in truth.events).items()):
-        last = max(event.time for event in truth.events if (event.kind, event.joint) == (kind, joint))
-        metrics += [Metric(f"{joint}, {kind}: events [-]", TRUTH, count, 0.0, truth.tier),
-                    Metric(f"{joint}, {kind}: the last [s]", TRUTH, last, truth.uncertainty.get("event time"),
+    times: dict[tuple[str, str], list[float]] = defaultdict(list)
+    for event in truth.events:
+        times[event.kind, event.joint].append(event.time)
+    for (kind, joint), found in sorted(times.items()):
+        metrics += [Metric(f"{joint}, {kind}: events [-]", TRUTH, len(found), 0.0, truth.tier),
+                    Metric(f"{joint}, {kind}: the last [s]", TRUTH, max(found), truth.uncertainty.get("event time"),
                            truth.tier)]
     return replace(run.row, status="ok", reason=truth.note, metrics=tuple(metrics))

@@ -94,16 +94,8 @@ def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], ti
              conditions: str, turns: Mapping[str, Mapping[str, float] | str] = MappingProxyType({})) -> list[Finding]:
     """Return all that is not as the baseline has it, worst first. Rows that only the baseline has are not missed.
 
-    Parameters
-    ----------
-    kinds
-        Kinds of numbers that were measured.
-    times
-        Those that are reported, by key of the run.
-    conditions
-        Under which the rows were made, see `environment.conditions`.
-    turns
-        The yield of `older_code.times_in_turns`.
+    The rows have numbers of these `kinds`, made under these `environment.conditions`. `times` are those that are
+    reported, by key of the run; `turns` the yield of `older_code.times_in_turns`.
     """
     drawn, compared = ([row for row in rows if (row.variant == RANDOM) == random] for random in (True, False))
     found = [Finding(REGRESSION if row.status == WRONG else COULD_NOT_RUN, RANDOM, row.key, "", None, row.status,
@@ -113,7 +105,10 @@ def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], ti
         if finding := _of_status(row, expected, baseline):
             found.append(finding)
         elif expected is not None:
-            found += _of_truths(row, expected)
+            tiers = {metric.tier for metric in row.metrics if metric.kind == TRUTH}
+            found += [Finding(NOT_JUDGED if now is None and tiers and fixed.tier not in tiers else REGRESSION, TRUTH,
+                              row.key, fixed.name, fixed.value, now and now.value, math.inf, why)
+                      for fixed, now, why in moved_truths(row, expected)]
             found += _of_numbers(row, expected, kinds, times.get(row.key), expected.conditions == conditions)
     found += _of_turns(compared, turns)
     return sorted(found, key=lambda f: (SEVERITIES.index(f.severity), _RANKS.index(f.kind), -f.ratio, f.key, f.metric))
@@ -153,14 +148,6 @@ def _of_status(row: Row, expected: Expected | None, baseline: Baseline) -> Findi
             worse = before in _STATUSES and _STATUSES.index(now) > _STATUSES.index(before)
             severity = REGRESSION if worse else BETTER
     return Finding(severity, "status", row.key, "", before, now, math.inf, words)
-
-
-def _of_truths(row: Row, expected: Expected) -> Iterator[Finding]:
-    tiers = {metric.tier for metric in row.metrics if metric.kind == TRUTH}
-    for fixed, new, why in moved_truths(row, expected):
-        severity = NOT_JUDGED if new is None and tiers and fixed.tier not in tiers else REGRESSION
-        found = None if new is None else new.value
-        yield Finding(severity, TRUTH, row.key, fixed.name, fixed.value, found, math.inf, why)
 
 
 def _of_numbers(row: Row, expected: Expected, kinds: Collection[str], times: Times | None,
@@ -226,8 +213,8 @@ def _of_own_truth(row: Row, old: Metric, new: Metric) -> Finding | None:
     allowed, moved = MARGIN[OWN_RUN] * _uncertainty(old, new), abs(new.value - old.value)
     if old.tier != OWN_RUN or moved <= allowed:
         return None
-    words = f"the run that stands in for a truth has moved by {moved:.2g}; allowed {allowed:.2g}"
-    return replace(_changed(REGRESSION, row, old, new, words), ratio=math.inf)
+    return Finding(REGRESSION, TRUTH, row.key, old.name, old.value, new.value, math.inf,
+                   f"the run that stands in for a truth has moved by {moved:.2g}; allowed {allowed:.2g}")
 
 
 def _of_error(row: Row, old: Metric, new: Metric) -> Finding | None:
@@ -277,12 +264,11 @@ def _of_turns(rows: Sequence[Row], turns: Mapping[str, Mapping[str, float] | str
     """Compare the times of each engine with those of the code before, by the median of its runs."""
     measured: dict[tuple[str, str], list[float]] = {}
     for row in rows:
-        of_row = turns.get(row.key, {})
-        if isinstance(of_row, str):
+        if isinstance(of_row := turns.get(row.key, {}), str):
             yield Finding(NOT_JUDGED, "time", row.key, IN_TURNS.format(TOTAL), None, None, math.inf, of_row)
-        else:
-            for what, ratio in of_row.items():
-                measured.setdefault((row.engine, what), []).append(ratio)
+            continue
+        for what, ratio in of_row.items():
+            measured.setdefault((row.engine, what), []).append(ratio)
     for (engine, what), ratios in measured.items():
         now, enough = median(ratios), len(ratios) >= FEWEST
         if 1 / BOUND_TURNS <= now <= BOUND_TURNS and enough:

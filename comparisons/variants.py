@@ -31,25 +31,12 @@ FRICTION_BY, EVENTS_BY = "friction by", "events by"
 
 @dataclass(frozen=True)
 class Variant:
-    """An engine with settings, over a series of steps or tolerances.
+    """An engine with settings, over a `ladder` of steps or tolerances, from coarse to fine.
 
-    Attributes
-    ----------
-    label : str
-        Short and unique, as it stands in legends: ``"pymunk, contact"``.
-    engine : str
-    parameter : str
-        One of `PARAMETERS`.
-    ladder : tuple of float
-        From coarse to fine.
-    fidelity : str
-    settings : Mapping
-    stands_for : str
-        The engine in whose place this one is compared with a baseline: its own if empty.
-    cost, threshold : tuple of float
-        Other series of the same parameter, for the comparisons that take other steps; see `campaigns/validation.toml`.
-    effects : Mapping[str, Mapping]
-        Settings by name that `stiction.comparisons.studies.effects` toggles, besides what the scene declares.
+    The label is short and unique, as it stands in legends: ``"pymunk, contact"``; the parameter is one of `PARAMETERS`.
+    With a baseline it is compared in the place of the engine that it `stands_for`, its own if empty. `cost` and
+    `threshold` are series of the same parameter for comparisons that take other steps (`campaigns/validation.toml`).
+    `effects` are settings by name that `stiction.comparisons.studies.effects` toggles.
     """
 
     label: str
@@ -66,17 +53,9 @@ class Variant:
 
 @dataclass(frozen=True)
 class Record:
-    """One run of the campaign and its outcome.
+    """One run of the campaign and its outcome, whose value is the trajectory, None unless the status is ``"ok"``.
 
-    Attributes
-    ----------
-    key : str
-        ``"<scene>/<variant>/<parameter>=<step>"``; leads from a row of a table to the trajectory.
-    variant : Variant
-    step : float
-        One of the steps: dt (s) or rtol.
-    outcome : Outcome
-        Its value is the trajectory, None unless the status is ``"ok"``.
+    The key ``"<scene>/<variant>/<parameter>=<step>"`` leads from a row of a table to the trajectory.
     """
 
     key: str
@@ -91,13 +70,7 @@ class Record:
 
     @property
     def run(self) -> Trajectory:
-        """The trajectory of a run that succeeded.
-
-        Raises
-        ------
-        ValueError
-            If it did not.
-        """
+        """The trajectory of a run that succeeded; raises ValueError for others."""
         if self.trajectory is None:
             raise ValueError(f"{self.key}: found a run that is {self.outcome.status}; expected one that succeeded")
         return self.trajectory
@@ -156,11 +129,11 @@ def time_factor(scene: Scene, t_end: float | None = None) -> float:
 
 
 def fastest_period(scene: Scene) -> float:
-    """Return the shortest period that the scene declares, s; infinite without any.
+    """Return the shortest period that the scene declares, s: of laws, turns and springs; infinite without any.
 
-    Those of sinusoidal laws, of a turn of a drive of constant rate, and of springs. The frequency of a spring alone
-    between two bodies is at most sqrt(k c), where c is what a unit force at its points accelerates them by: 1/m +
-    r^2/I of each (Rayleigh's quotient; constraints only add mass), of a torsional spring 1/I of each.
+    The frequency of a spring alone between two bodies is at most sqrt(k c), where c is what a unit force at its points
+    accelerates them by: 1/m + r^2/I of each (Rayleigh's quotient; constraints only add mass), of a torsional spring 1/I
+    of each.
     """
     frequencies = [0.0]
     for element in (*scene.drives.values(), *scene.forces.values()):

@@ -31,21 +31,12 @@ PREPARATION_LIMIT = 600.0
 
 @dataclass(frozen=True)
 class Comparison(Generic[T]):
-    """Runs, and what becomes of them.
+    """Runs, and what becomes of them: `tabulate` makes the yield from the outcomes of the tasks, in their order.
 
-    Attributes
-    ----------
-    tabulate : callable
-        Makes the yield of the comparison from the outcomes of its tasks, in their order.
-    variants : tuple of Variant
-        Their engines are prepared first.
-    rounds : int
-        Rounds in which its runs are timed, at least; 0: they are not. The tasks of a timed comparison are simulations,
-        and the values of their outcomes are `stiction.comparisons.timing.rounds.Timing`.
-    ladders : tuple of str
-        The refinement series of each task, where they are timed; steps come from coarse to fine.
-    budget_s : float
-        CPU seconds that the rounds of one series may take. Finer steps are not timed, and their `Timing` says so.
+    The engines of the variants are prepared first. Where there are `rounds`, the tasks are simulations, which are timed
+    in so many at least; the values of their outcomes are `stiction.comparisons.timing.rounds.Timing`. `ladders` names
+    the refinement series of each, with steps from coarse to fine. The rounds of one series may take `budget_s` CPU
+    seconds. Finer steps are not timed, and their `Timing` says so.
     """
 
     tasks: tuple[Task, ...]

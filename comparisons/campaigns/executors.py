@@ -38,25 +38,13 @@ def check_executor(name: str) -> None:
 
 @contextmanager
 def open_isolate(name: str = "processes", workers: int | None = None) -> Iterator[Isolate]:
-    """Yield `stiction.engines.isolate`, or the same on a cluster.
+    """Yield `stiction.engines.isolate` for ``"processes"``, or the same on a cluster.
 
-    On a cluster the parameter ``workers`` of `isolate` has no effect, and tasks that have not begun when the block ends
-    are cancelled. The tasks of a worker that dies are made again on another; where Dask gives them up after several
-    workers, their outcomes are ``crashed``.
-
-    Parameters
-    ----------
-    name
-        ``"processes"``, ``"dask"`` (a cluster on this machine for the time of the block), ``"dask:ADDRESS"`` (of a
-        scheduler; stiction and its kernels must be installed on its workers).
-    workers
-        Processes of the cluster on this machine; the number of CPUs where None.
-
-    Raises
-    ------
-    InputError
-        See `check_executor`; or if no scheduler answers at the address, or a worker has other code or may start no
-        processes.
+    That is one of so many workers on this machine for the time of the block (``"dask"``), or of a scheduler on whose
+    workers stiction is installed (``"dask:ADDRESS"``). There the parameter ``workers`` of `isolate` has no effect, and
+    tasks that have not begun when the block ends are cancelled. The tasks of a worker that dies are made again on
+    another; where Dask gives them up after several workers, their outcomes are ``crashed``. Raises InputError if no
+    scheduler answers, or a worker has other code or may start no processes.
     """
     check_executor(name)
     if name == "processes":

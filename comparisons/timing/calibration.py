@@ -32,16 +32,8 @@ ONCE = 0.5
 def relative_time(call: Callable[[], Any], least: int) -> tuple[float, float | None]:
     """Return the CPU time of a call over that of the kernel, timed in turns, each the shortest of its samples.
 
-    Parameters
-    ----------
-    least
-        Rounds, for a call that takes less than `ONCE`.
-
-    Returns
-    -------
-    ratio : float
-    uncertainty : float or None
-        Difference of the second shortest call from the shortest, in kernels; None where there is only one.
+    A call that takes less than `ONCE` has `least` rounds. With the ratio comes its uncertainty: the difference of the
+    second shortest call from the shortest, in kernels; None where there is only one.
     """
     kernel = calibration_kernel()
     kernel_s = min(seconds for _, seconds in block(kernel))

@@ -63,8 +63,8 @@ class Problem:
 def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, rest_speed: float) -> Problem | None:
     """The HLCP at a state (q, v of shape (3 * bodies,)) with its solution by the reference.
 
-    None where the scene has no friction, or where it is not known whether there is a solution. The least-squares answer
-    of redundant constraints that contradict each other is none.
+    None without friction, or where it is not known whether there is a solution. The least-squares answer of redundant
+    constraints that contradict each other is none.
     """
     from stiction.reference_impl.friction import hlcp
     from stiction.reference_impl.friction.outcomes import NONE
@@ -108,8 +108,7 @@ def _states(scene: Scene, run: Trajectory | Run, everywhere: bool) -> Iterator[t
     if not len(run.t):
         yield 0.0, *Mechanism(scene, "none").initial_state()
         return
-    names = [[f"{body}.{label}" for body in scene.bodies for label in labels]
-             for labels in BODY_COLUMNS[:2]]
+    names = [[f"{body}.{label}" for body in scene.bodies for label in labels] for labels in BODY_COLUMNS[:2]]
     chosen = range(len(run.t)) if everywhere else (0, -1)
     rows: list[tuple[float, Mapping[str, float]]] = [
         (run.t[i], {name: values[i] for name, values in run.columns.items()}) for i in chosen]
@@ -137,10 +136,7 @@ def write_problems(problems: Iterable[Problem], path: str | Path) -> int:
 def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
     """Read a set: a file, a folder of `stiction.comparisons.complementarity.exchange`, or where None that of the suite.
 
-    Raises
-    ------
-    InputError
-        If the file is not such a set.
+    Raises InputError if it is no such set.
     """
     import pandas as pd
     import pyarrow as pa

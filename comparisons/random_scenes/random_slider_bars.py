@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome
+from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome, event_differences
 from stiction.comparisons.truth import NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, load_scene, vary
@@ -62,22 +62,17 @@ def slider_bar(parameters: dict[str, float]) -> Scene:
     return vary(load_scene("slider-bar-case-1"), parameters)
 
 
-def judge(parameters: dict[str, float], rtols: Sequence[float]) -> tuple[SceneOutcome, ...]:
+def judge(parameters: dict[str, float], rtols: Sequence[float]) -> list[SceneOutcome]:
     """Run the reference at each tolerance and compare it with the truth."""
     scene, about = slider_bar(parameters), json.dumps(parameters)
     try:
         truth = slider_bar_truth(scene, T_END)
     except (NoMotion, Undecided) as refusal:
-        return tuple(SceneOutcome(*_refused(refusal, _simulate(scene, rtol, T_END)), about) for rtol in rtols)
-    return tuple(SceneOutcome(*_compared(scene, truth, rtol), about) for rtol in rtols)
+        return [SceneOutcome(*_refused(refusal, _simulate(scene, rtol, T_END)), about) for rtol in rtols]
+    return [SceneOutcome(*_compared(scene, truth, rtol), about) for rtol in rtols]
 
 
-def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> tuple[SceneOutcome, ...]:
-    """Judge scene i of a seed."""
-    return judge(drawn(seed, i), rtols)
-
-
-STUDY = RandomScenes(judge_drawn, OUTCOMES, FAILING, (1e-9, 1e-12), T_END)
+STUDY = RandomScenes(lambda seed, i, rtols: judge(drawn(seed, i), rtols), OUTCOMES, FAILING, (1e-9, 1e-12), T_END)
 
 
 def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str, float]:
@@ -101,11 +96,11 @@ def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
     Corners that change surface are left out: the motion has a kink there in x'', which its errors show.
     """
     true, found = ([event for event in events if event.kind != "corner"] for events in (truth.events, run.events))
-    for i in range(max(len(true), len(found))):
-        one, other = (f"{e[i].kind} at {e[i].time:.9f} s" if i < len(e) else "none" for e in (true, found))
-        if one.split()[0] != other.split()[0]:
-            return np.inf, f"event {i + 1} of {len(true)}: truth {one}, run {other}"
-    errors = {f"{a.kind} at {a.time:.9f} s": abs(a.time - b.time) for a, b in zip(true, found)}
+    errors = {}
+    for i, (one, other, error) in enumerate(event_differences(true, found), 1):
+        if error == np.inf:
+            return error, f"event {i} of {len(true)}: truth {one}, run {other}"
+        errors[one] = error
     errors["x at the end"] = abs(float(truth(truth.t_end)["slider.x"][0] - run["slider.x"][-1]))
     worst = max(errors, key=lambda name: errors[name])
     return errors[worst], f"{worst}: error {errors[worst]:.1e}"

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome
+from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome, event_differences
 from stiction.comparisons.random_scenes.one_freedom import (LONGEST_STEP, TOLERANCE, Motion, NoClearMotion, OneFreedom,
                                                             simulate)
 from stiction.engines.reference.engine import ReferenceEngine
@@ -241,11 +241,9 @@ def _events(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
     for name in motion.equations.guides:
         expected = [event for event in motion.events if event.joint == name]
         found = [event for event in run.events if event.joint == name and event.kind != "corner"]
-        for i in range(max(len(expected), len(found))):
-            one, other = (f"{e[i].kind} at {e[i].time:.9g} s" if i < len(e) else "none" for e in (expected, found))
-            same = one.split()[0] == other.split()[0]
-            error = abs(expected[i].time - found[i].time) / (bound * (1 + 1 / expected[i].rate)) if same else np.inf
-            yield error, f"{name}, event {i + 1}: expected {one}, found {other}"
+        for i, (one, other, error) in enumerate(event_differences(expected, found)):
+            shift = bound * (1 + 1 / expected[i].rate) if error < np.inf else 1.0
+            yield error / shift, f"{name}, event {i + 1}: expected {one}, found {other}"
 
 
 def _columns(motion: Motion, run: Trajectory, *names: str) -> np.ndarray:
@@ -287,8 +285,7 @@ def _answer(motion: Motion, run: Trajectory, k: int) -> float:
     if law["method"] != "baumgarte":
         return 0.0
     names = m.scene.bodies
-    q, v = (np.array([run[f"{name}.{key}"][k] for name in names for key in keys])
-            for keys in BODY_COLUMNS[:2])
+    q, v = (np.array([run[f"{name}.{key}"][k] for name in names for key in keys]) for keys in BODY_COLUMNS[:2])
     residual, J = (values[:-len(m.guides)] for values in m.rows(q)[:2])
     accelerated = 2 * law["alpha"] * J @ v + law["beta"] ** 2 * residual
     return float(np.max(np.abs(np.linalg.solve(J / m.mass @ J.T, accelerated))))

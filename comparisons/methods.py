@@ -76,7 +76,7 @@ def title_of(scene: str) -> str:
 
 
 def groups(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """The rows that answer one question, with a name: one fidelity, and mus > mu or, without it in an engine, mus = mu."""
+    """The rows that answer one question, by name: one fidelity, and mus > mu or, for engines without it, mus = mu."""
     equal = table["truth"].astype(str).str.endswith(MUS_EQUALS_MU)
     for (fidelity, same), rows in table.groupby([table["fidelity"], equal], sort=False):
         yield f"{fidelity}, mus {'=' if same else '>'} mu", rows

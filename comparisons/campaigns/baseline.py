@@ -218,10 +218,10 @@ def expected_of(row: Row, conditions: str, fixed: Mapping[str, Metric] = Mapping
     """Return what a row, made under these conditions, makes expected; numbers that are `fixed` stay as they are."""
     numbers: dict[str, dict[str, _Number]] = defaultdict(dict)
     for metric in ({metric.name: metric for metric in row.metrics} | dict(fixed)).values():
-        found = {"value": metric.value, "uncertainty": metric.uncertainty, "rounding": metric.rounding}
-        short = {name: float(f"{value:.{DIGITS}g}") for name, value in found.items()
-                 if value is not None and (name != "value" or metric.kind in _ROUNDED)}
-        numbers[metric.kind][metric.name] = _Number(tier=metric.tier, **{**found, **short})
+        number = _Number(value=metric.value, uncertainty=metric.uncertainty, tier=metric.tier, rounding=metric.rounding)
+        short = {name: float(f"{value:.{DIGITS}g}") for name, value in number
+                 if isinstance(value, float) and (name != "value" or metric.kind in _ROUNDED)}
+        numbers[metric.kind][metric.name] = number.model_copy(update=short)
     return Expected(identity=row.identity, version=row.version or "", conditions=conditions, status=row.status,
                     reason=row.reason, other_ends=row.other_ends, **numbers)
 

@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, ValidationInfo
 from pydantic_core import PydanticCustomError
 
-from stiction.comparisons.campaigns.measurement import KINDS, PlannedRun
+from stiction.comparisons.campaigns.measurement import KINDS, Kind, PlannedRun
 from stiction.comparisons.depth import Depth, Extent
 from stiction.comparisons.variants import PARAMETERS, Variant
 from stiction.engines.registry import EngineMissing, absolute_name, engine_names, is_file, label_of, load_engine
@@ -94,7 +94,9 @@ class _Steps(Model):
 
 def _placed(engine: Any, info: ValidationInfo) -> Any:
     """Return an engine; of one that is a file, which is relative to that of the campaign, its absolute path."""
-    return absolute_name(str(info.context / engine)) if isinstance(engine, str) and is_file(engine) else engine
+    if not isinstance(engine, str) or not is_file(engine):
+        return engine
+    return absolute_name(str(Path(info.context or "") / engine))
 
 
 class _Variant(_Steps):
@@ -179,10 +181,8 @@ _Label = Annotated[str, Field(pattern=r"^[^/|\n]+$")]
 
 
 if TYPE_CHECKING:
-    _Kind = str
     _Variants = tuple[Variant, ...]
-else:  # as the file has them: a name, and a table that becomes the tuple
-    _Kind = Literal[KINDS]
+else:  # as the file has them: a table that becomes the tuple
     _Variants = Annotated[dict[_Label, _Variant], Field(min_length=1), AfterValidator(_as_variants)]
 
 
@@ -193,7 +193,7 @@ class Campaign(Model):
     scenes: Annotated[tuple[Scene, ...], Field(min_length=1), BeforeValidator(_load_scenes)]
     variants: _Variants
     others: _Others | None = None
-    measure: tuple[_Kind, ...] = KINDS
+    measure: tuple[Kind, ...] = KINDS
     random: Annotated[int, Field(ge=0)] = 0
     """Random slider-bars that a night draws afresh and holds to the truth (`random_slider_bars`)."""
     random_mechanisms: Annotated[int, Field(ge=0)] = 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import Executor, Future, as_completed
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
@@ -63,28 +63,24 @@ def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | Non
                 on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
     from distributed.scheduler import KilledWorker
 
-    outcomes: dict[int, Outcome] = {}
     one_by_one = partial(isolate, workers=1, timeout_s=timeout_s)
-    batches = [range(first, min(first + BATCH, len(tasks))) for first in range(0, len(tasks), BATCH)]
-    waiting = {}
+    batches = [tasks[first:first + BATCH] for first in range(0, len(tasks), BATCH)]
+    waiting = {executor.submit(one_by_one, batch): batch for batch in batches}
+    found: dict[Future[list[Outcome]], list[Outcome]] = {}
     try:
-        for batch in batches:
-            waiting[executor.submit(one_by_one, [tasks[i] for i in batch])] = batch
         for future in as_completed(waiting):
-            batch = waiting[future]
             try:
-                found = future.result()
+                found[future] = future.result()
             except KilledWorker as error:
                 reason = " ".join(f"workers died: {error}".split())
-                found = [Outcome(tasks[i].label, "crashed", reason=reason) for i in batch]
-            outcomes |= zip(batch, found, strict=True)
+                found[future] = [Outcome(task.label, "crashed", reason=reason) for task in waiting[future]]
             if on_result is not None:
-                for outcome in found:
+                for outcome in found[future]:
                     on_result(outcome)
     finally:
         for future in waiting:
             future.cancel()
-    return [outcomes[i] for i in range(len(tasks))]
+    return [outcome for future in waiting for outcome in found[future]]
 
 
 @contextmanager

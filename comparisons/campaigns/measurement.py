@@ -15,7 +15,7 @@ import math
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -38,7 +38,8 @@ TRUTH = "truth"
 """Kind of the numbers that say what is true, and engine and variant of their rows."""
 MOTION = "motion"
 """Kind of the path of a run with fixed steps."""
-KINDS = ("accuracy", MOTION, "event", "drift", "counter", "time")
+Kind = Literal["accuracy", "motion", "event", "drift", "counter", "time"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
 """Kinds of numbers that can be measured of a run."""
 RANDOM = "random"
 """Kind and variant of scenes drawn afresh every night (`stiction.comparisons.random_scenes.night_draws`), which have no

@@ -107,7 +107,7 @@ def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], ti
         elif expected is not None:
             tiers = {metric.tier for metric in row.metrics if metric.kind == TRUTH}
             found += [Finding(NOT_JUDGED if now is None and tiers and fixed.tier not in tiers else REGRESSION, TRUTH,
-                              row.key, fixed.name, fixed.value, now and now.value, math.inf, why)
+                              row.key, fixed.name, fixed.value, None if now is None else now.value, math.inf, why)
                       for fixed, now, why in moved_truths(row, expected)]
             found += _of_numbers(row, expected, kinds, times.get(row.key), expected.conditions == conditions)
     found += _of_turns(compared, turns)

@@ -4,16 +4,7 @@ A set is one Parquet file, a row a problem of the form of eqs. (34)-(38)
 
     A0 y = A1 x + b,   y >= 0,  x >= 0,  y^T x = 0 .
 
-=============  =========================================================================================
-``class``      why it is hard
-``scene``      where it was met, and ``t``, when (s)
-``n``          number of pairs
-``A0, A1``     lists of n * n numbers, row by row; ``b`` n numbers
-``y, x``       a solution, n numbers each; empty where there is none
-``outcome``    "solved"; "no solution": the reference found none in any contact mode, redundant forces (A0 singular)
-               shared in one way; in the set of the suite none exists
-``lcp``        whether A0 is regular, so that the problem is the LCP  y = (A0^-1 A1) x + A0^-1 b
-=============  =========================================================================================
+Its columns are those of `stiction.comparisons.complementarity.exchange.FIELDS`, matrices row by row, and ``n``.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -45,13 +46,23 @@ AUDITED = 60
 
 
 @dataclass(frozen=True)
+class Verdict:
+    """`word` of `VERDICTS`; its reason; its size (relative error, or seconds too late) and the limit for right."""
+
+    word: str
+    about: str
+    size: float = math.nan
+    limit: float = math.nan
+
+
+@dataclass(frozen=True)
 class Examination:
     """Result of one case through one variant: relative errors by name, or the reason why there are none.
 
     A run `stopped` early for a reason, at `stop_time` (s) with a `stop_kind` of `stiction.scenes.Breakdown`. The input
-    was `refused` for a reason `by` the `READER`, the `ADAPTER` or the `METHOD`. This table does not spend the time
-    (`not_run`). What the engine returned is `no_motion` of the mechanism. `cpu_s` and `engine_s` are of stepping all
-    runs, and of that inside the engine's own calls; `problems` are those that the event-driven reference met.
+    was `refused` for a reason `by` the `READER`, the `ADAPTER` or the `METHOD`. Where there was nothing to measure
+    there is a `verdict`. `cpu_s` and `engine_s` are of stepping all runs, and of that inside the engine's own calls;
+    `problems` are those that the event-driven reference met.
     """
 
     measures: Mapping[str, float] = field(default_factory=dict)
@@ -60,22 +71,11 @@ class Examination:
     stop_time: float = math.nan
     refused: str = ""
     by: str = ""
-    not_run: str = ""
-    no_motion: str = ""
+    verdict: Verdict | None = None
     version: str = ""
     cpu_s: float = 0.0
     engine_s: float = 0.0
     problems: tuple[Problem, ...] = ()
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """`word` of `VERDICTS`; its reason; its size (relative error, or seconds too late) and the limit for right."""
-
-    word: str
-    about: str
-    size: float = math.nan
-    limit: float = math.nan
 
 
 def examine(name: str, variant: Variant) -> Examination:
@@ -88,8 +88,8 @@ def examine(name: str, variant: Variant) -> Examination:
         by = METHOD if variant.engine in OWN_METHODS else ADAPTER
         steps = scenes[0].t_end / case.dt
         if variant.parameter == "dt" and steps > case.most_steps * 1.001:
-            return Examination(not_run=f"{steps:.3g} steps of {case.dt:g} s are more than this table spends on a case "
-                                       f"({case.most_steps})")
+            return Examination(verdict=Verdict(NOT_RUN, f"{steps:.3g} steps of {case.dt:g} s are more than this table "
+                                                        f"spends on a case ({case.most_steps})"))
         runs: list[Trajectory] = []
         for scene in scenes:
             runs.append(_run(case, scene, case.dt * scene.t_end / scenes[0].t_end, variant))
@@ -100,14 +100,14 @@ def examine(name: str, variant: Variant) -> Examination:
         return Examination(refused=reason, by=by, version=engine.version)
     except Declined as error:
         return Examination(refused=str(error), by=ADAPTER, version=engine.version)
-    except BadTrajectory as error:
-        return Examination(no_motion=str(error), version=engine.version)
+    except BadTrajectory as error:  # it is no motion of the mechanism
+        return Examination(verdict=Verdict(WRONG, str(error)), version=engine.version)
     except EngineFailure as error:
         return Examination(stopped=str(error), version=engine.version)
-    reference = variant.engine == "reference"
+    reference, stop = variant.engine == "reference", dict[str, Any]()
     if runs[-1].termination == "end":
         scene, run = scenes[0], runs[0]
-        measures, stop = checks.measures(case, scenes, runs) | _beyond(case, scene, run), {}
+        measures = checks.measures(case, scenes, runs) | _beyond(case, scene, run)
         if reference and scene.frictional_guides:
             measures |= _conditions(scene, run)
     else:
@@ -164,10 +164,8 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
     if outcome.status != "ok":
         return Verdict(FAILED, f"{outcome.status}: {outcome.reason}")
     found: Examination = outcome.value
-    if found.not_run:
-        return Verdict(NOT_RUN, found.not_run)
-    if found.no_motion:
-        return Verdict(WRONG, found.no_motion)
+    if found.verdict is not None:
+        return found.verdict
     if found.by == ADAPTER:
         return Verdict(DECLINED_BY_ADAPTER, found.refused)
     if found.refused:

@@ -41,15 +41,7 @@ class HardComparison:
 
 
 def hard_comparison(*, depth: Depth = Depth.FULL, engines: Iterable[str] | None = None) -> Comparison[HardComparison]:
-    """Examine every case with every variant: what must be true, the verdict, its reason, its size and the limit.
-
-    Parameters
-    ----------
-    depth
-        Which cases: see `stiction.comparisons.hard.case.HardCase.depth`.
-    engines
-        As in `hard_variants`.
-    """
+    """Examine the cases of a depth with every variant: what must be true, the verdict, its reason, size and limit."""
     chosen = hard_variants(engines)
     runs = [(case, variant) for case in hard_cases(depth) for variant in chosen]
 

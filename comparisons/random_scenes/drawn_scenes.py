@@ -17,8 +17,6 @@ class SceneOutcome:
     outcome: str
     detail: str = ""
     """What differs, or who stops when and why"""
-    error: float = np.nan
-    """In the unit of the study; nan without a comparison"""
     about: str = ""
     """The scene in words, enough to draw it again"""
 

@@ -10,7 +10,7 @@ mechanism is run with each stabilization and compared with `one_freedom.simulate
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import count
+from itertools import count, product
 from typing import Any, TypeVar
 
 import numpy as np
@@ -217,18 +217,17 @@ OUTCOMES = {
 
 
 def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> SceneOutcome:
-    """Hold a run to the motion: the first outcome that is not agreement; its error in units of what is allowed."""
+    """Hold a run to the motion: the first outcome that is not agreement."""
     about = f"{scene.name}, {run.settings['stabilization']['method']}"
     if run.breakdown is not None:
-        return SceneOutcome(STOPS, str(run.breakdown), about=about)
-    bound, worst = max(RESERVE * rtol, OWN_ERROR), 0.0
+        return SceneOutcome(STOPS, str(run.breakdown), about)
+    bound = max(RESERVE * rtol, OWN_ERROR)
     for outcome, found in ((SLIPS, _slips(motion, run)), (OTHER_EVENTS, _events(motion, run, bound)),
                            (OTHER_MOTION, _motion(motion, run, bound)), (NO_BALANCE, _balance(motion, run, bound))):
-        for error, detail in found:
+        for error, detail in found:  # in units of what is allowed
             if not error <= 1:
-                return SceneOutcome(outcome, detail, float(error), about)
-            worst = max(worst, float(error))
-    return SceneOutcome(AGREES, "", worst, about)
+                return SceneOutcome(outcome, detail, about)
+    return SceneOutcome(AGREES, about=about)
 
 
 def _slips(motion: Motion, run: Trajectory) -> Iterator[tuple[float, str]]:
@@ -314,10 +313,9 @@ def _balance(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[fl
 
 def runs(scene: Scene, rtols: Sequence[float]) -> Iterator[tuple[float, Trajectory]]:
     """Runs of the reference, at each tolerance with each stabilization."""
-    for rtol in rtols:
-        for method in STABILIZATIONS:
-            yield rtol, ReferenceEngine().simulate(scene, rtol=rtol, stabilization=method, output_step=scene.t_end / 50,
-                                                   event_values=False)
+    for rtol, method in product(rtols, STABILIZATIONS):
+        yield rtol, ReferenceEngine().simulate(scene, rtol=rtol, stabilization=method, output_step=scene.t_end / 50,
+                                               event_values=False)
 
 
 def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[SceneOutcome]:
@@ -327,13 +325,14 @@ def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[SceneOutcome]
     its error a thousandfold. Where a run disagrees, a motion with a tighter tolerance and far shorter steps decides.
     """
     scene, motion = drawn(seed, i)
-    found = list(runs(scene, rtols))
-    verdicts = [judge(scene, motion, run, rtol) for rtol, run in found]
-    if all(verdict.outcome == AGREES for verdict in verdicts):
-        return verdicts
-    again = simulate(scene, LONGEST, TOLERANCE / 10, LONGEST_STEP / 64)
-    return [verdict if verdict.outcome == AGREES else judge(scene, again, run, rtol)
-            for verdict, (rtol, run) in zip(verdicts, found)]
+    found, again = [], None
+    for rtol, run in runs(scene, rtols):
+        verdict = judge(scene, motion, run, rtol)
+        if verdict.outcome != AGREES:
+            again = again or simulate(scene, LONGEST, TOLERANCE / 10, LONGEST_STEP / 64)
+            verdict = judge(scene, again, run, rtol)
+        found.append(verdict)
+    return found
 
 
 STUDY = RandomScenes(judge_drawn, OUTCOMES, tuple(outcome for outcome in OUTCOMES if outcome != AGREES), RTOLS,

@@ -70,18 +70,8 @@ def times_in_turns(runs: Sequence[PlannedRun], before: Path,
     """Return CPU times now over those before, by key of the run: `TOTAL`, and `STEPPING` where both codes state it.
 
     They are timed in rounds as of `stiction.comparisons.timing.rounds`. Where there are none the value is the reason.
-
-    Parameters
-    ----------
-    before
-        A checkout of the suite. An engine that stands for another is timed against that one.
-    limit_s
-        Seconds that one run may take, in either code; the first one may take `COMPILING` longer.
-
-    Raises
-    ------
-    ControlRefused
-        If it is no checkout of the suite, or the process died.
+    An engine that stands for another is timed against that one. In either code a run may take `limit_s`, the first one
+    `COMPILING` longer. Raises `ControlRefused` if `before` is no checkout of the suite, or the process died.
     """
     made = [(run, run.variant) for run in runs if run.variant is not None]
     of_then, of_now = ([_task(run, variant, stand_in) for run, variant in made] for stand_in in (True, False))

@@ -14,18 +14,19 @@ from stiction.comparisons.timing.intervals import median_interval
 from stiction.comparisons.timing.rounds import Timing, VisitTimes, in_rounds, load, others, visit
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines.isolation import Isolate, Outcome, Task, is_simulation
-from stiction.scenes import Scene, Trajectory, vary
+from stiction.scenes import Trajectory, vary
 
 KERNEL, OTHERS = "calibration kernel [s]", "others [cores]"
 """Columns of `samples_table`."""
 
 
-def computation(engine: str, scene: Scene, arguments: Mapping[str, Any], run: Trajectory) -> str:
-    """Identity of a computation: engine, fidelity, scene, length, and the settings that the run states, without names.
+def computation(task: Task, run: Trajectory) -> str:
+    """Identity of a simulation: engine, fidelity, scene, length, and the settings that the run states, without names.
 
     The stabilization that a scene declares is left out where the run states its own. Output instants are no part of it:
     a timed run has none but start and end.
     """
+    engine, scene, arguments = task.args
     settings = {**run.settings, **{name: arguments[name] for name in ("dt", "rtol") if arguments.get(name) is not None}}
     content = vary(scene, {"stabilization": None}) if "stabilization" in settings else scene
     t_end = arguments.get("t_end") or scene.t_end
@@ -47,7 +48,7 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated:
     runs: dict[str, Trajectory] = {}
     for task, outcome in simulations:
         if outcome.status == "ok":
-            key = computation(*task.args, outcome.value)
+            key = computation(task, outcome.value)
             tasks.setdefault(key, Task(task.label, visit, task.args))
             runs.setdefault(key, outcome.value)
     failures: dict[str, str] = {}
@@ -75,7 +76,7 @@ def with_time(task: Task, outcome: Outcome, times: Mapping[str, Timing], budget_
         return outcome
     reason = f"not timed: the rounds of its refinement series, up to this step, take more than {budget_s:g} s" \
         if budget_s is not None else ""
-    timing = times.get(computation(*task.args, outcome.value), Timing(outcome.value, reason=reason))
+    timing = times.get(computation(task, outcome.value), Timing(outcome.value, reason=reason))
     setup, stepping, own = (timing.interval(name).value for name in ("setup_s", "stepping_s", "own_s"))
     run = replace(outcome.value, cost=replace(outcome.value.cost, setup_s=setup, stepping_s=stepping, engine_s=own))
     return replace(outcome, value=run if budget_s is None else replace(timing, trajectory=run))

@@ -73,7 +73,7 @@ def test_what_is_silently_wrong_is_a_regression_with_the_command_that_repeats_it
     monkeypatch.setattr(resting_mechanisms, "simulate", lambda scene, t_end, *_: one_freedom.simulate(scene, t_end))
 
     def wrong(*_):
-        found = SceneOutcome(module.STUDY.failing[0], "event 3: truth stick, run slip", 0.1, "this scene")
+        found = SceneOutcome(module.STUDY.failing[0], "event 3: truth stick, run slip", "this scene")
         return found if module is resting_mechanisms else (found,)
 
     monkeypatch.setattr(module, "judge", wrong)
@@ -124,7 +124,7 @@ def test_no_baseline_holds_a_draw():
 
 
 def by_parity(seed, i, rtols):
-    return [SceneOutcome("odd", f"{seed + i} is odd", float(i), f"scene {i}") if (seed + i) % 2 else SceneOutcome("even") for _ in rtols]
+    return [SceneOutcome("odd", f"{seed + i} is odd", f"scene {i}") if (seed + i) % 2 else SceneOutcome("even") for _ in rtols]
 
 
 def test_the_command_counts_and_prints_what_is_not_best(capsys, monkeypatch):

@@ -36,13 +36,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, ValidationInfo
-from pydantic_core import PydanticCustomError
 
 from stiction.comparisons.campaigns.measurement import KINDS, Kind, PlannedRun
 from stiction.comparisons.depth import Depth, Extent
 from stiction.comparisons.variants import PARAMETERS, Variant
 from stiction.engines.registry import EngineMissing, absolute_name, engine_names, is_file, label_of, load_engine
-from stiction.scenes import FileError, Scene, SceneError, catalogue, load_scene
+from stiction.scenes import FileError, InputError, Scene, SceneError, catalogue, load_scene
 from stiction.scenes.errors import problems_in_tables
 from stiction.scenes.fields import Model, Positive
 from stiction.scenes.loading import read_toml
@@ -148,28 +147,15 @@ def _unknown(key: str, given: Sequence[str], known: Sequence[str], of: str) -> I
             yield f"{key}.{i}", name, f"expected one of {of}: {names(known)}{did_you_mean(name, known)}"
 
 
-def _load_scenes(given: Any) -> Any:
-    """Load scenes by their names in the catalogue or the paths of their files."""
-    if not isinstance(given, list):
-        return given  # an error of the type
-    scenes: list[Scene] = []
-    wrong: list[tuple[str, Any, str]] = []
-    for i, name in enumerate(given):
-        if not isinstance(name, str):
-            wrong.append((str(i), name, "expected text"))
-            continue
-        try:
-            scene = load_scene(name)
-        except SceneError as error:
-            wrong += [(str(i), name, problem.expected if problem.key == "scene" else str(problem))
-                      for problem in error.problems]
-            continue
-        if scene.name in [known.name for known in scenes]:
-            wrong.append((str(i), name, f"expected one scene of the name {scene.name}"))
-        scenes.append(scene)
-    if wrong:
-        raise PydanticCustomError("inconsistent", "inconsistent", {"found": wrong})
-    return scenes
+def _loaded(given: Any) -> Scene:
+    """Load a scene by its name in the catalogue or the path of its file."""
+    if not isinstance(given, str):
+        raise InputError("expected text")
+    try:
+        return load_scene(given)
+    except SceneError as error:
+        raise InputError("; ".join(problem.expected if problem.key == "scene" else str(problem)
+                                   for problem in error.problems)) from None
 
 
 def _as_variants(tables: dict[str, _Variant]) -> tuple[Variant, ...]:
@@ -190,7 +176,7 @@ class Campaign(Model):
     """A campaign, loaded; see the module. Its scenes are loaded, its variants a tuple of `Variant`."""
 
     title: str = ""
-    scenes: Annotated[tuple[Scene, ...], Field(min_length=1), BeforeValidator(_load_scenes)]
+    scenes: tuple[Annotated[Scene, BeforeValidator(_loaded)], ...]
     variants: _Variants
     others: _Others | None = None
     measure: tuple[Kind, ...] = KINDS
@@ -207,8 +193,14 @@ class Campaign(Model):
     _name: str = ""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        if not self.scenes:
+            yield "scenes", [], "expected at least 1"
+        scenes = [scene.name for scene in self.scenes]
+        for i, name in enumerate(scenes):
+            if name in scenes[:i]:
+                yield f"scenes.{i}", name, f"expected one scene of the name {name}"
         if self.check is not None:
-            scenes, labels = [scene.name for scene in self.scenes], [variant.label for variant in self.variants]
+            labels = [variant.label for variant in self.variants]
             yield from _unknown("check.scenes", self.check.scene_names, scenes, "the campaign")
             yield from _unknown("check.variants", self.check.variants, labels, "the campaign")
 

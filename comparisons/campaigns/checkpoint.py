@@ -20,6 +20,7 @@ from pathlib import Path
 from stiction.comparisons.atomic_files import NotWritten
 from stiction.comparisons.campaigns.measurement import NOT_RUN
 from stiction.comparisons.digest import circumstances, digest
+from stiction.comparisons.timing.timed_runs import call_of
 from stiction.engines.isolation import Isolate, Outcome, Task, isolate
 from stiction.scenes import StictionError
 
@@ -74,8 +75,7 @@ class KeptRuns:
                 raise self.interrupt
 
         for i, key in enumerate(keys):
-            known = self._read(key)
-            if known is not None:
+            if (known := self._read(key)) is not None:
                 self.taken_over += 1
                 settle(i, known)
         self._making = True
@@ -105,8 +105,7 @@ class KeptRuns:
 
     def _key(self, task: Task, timeout_s: float) -> str:
         """Return the key of a task; the same task requested twice, as for two timings, has two."""
-        function = [task.function.__module__, task.function.__qualname__]
-        key = digest([self._circumstances, task.label, function, task.args, float(timeout_s)])
+        key = digest([self._circumstances, task.label, call_of(task), float(timeout_s)])
         self._seen[key] += 1
         return f"{key}-{self._seen[key]}"
 

@@ -1,11 +1,8 @@
 """One run and every number that is kept of it: errors against the truth, path, events, drift, counters, time.
 
-The numbers are made in the child process that simulates, the truth included: no failure ends the campaign, and no
-trajectory has to travel.
-
-A run can be made again with changes of rounding only: masses and gravity are moved by some units in the last
-place, bodies stand in another order, samples are kept half as often. It then differs as the run on another processor,
-or with another library, does (`stiction.comparisons.campaigns.tolerances`).
+The numbers are made in the child process that simulates, the truth included. A run can be made again with changes of
+rounding only: masses and gravity are moved by some units in the last place, bodies stand in another order, samples are
+kept half as often. It then differs as on another processor or with another library (`tolerances`).
 """
 
 from __future__ import annotations
@@ -65,12 +62,11 @@ WAYS = (*(f"{MOVED} {seed}" for seed in (1, 2, 3)), ORDER, GRID)
 
 @dataclass(frozen=True)
 class Metric:
-    """A number: `name` with its unit, `kind` one of `KINDS`, `TRUTH` or `RANDOM`.
+    """A number: `name` with its unit, `kind` one of `KINDS`, `TRUTH` or `RANDOM`; None is what is not known.
 
-    `uncertainty` is in the unit of the value, None where none is known: of an error that of the truth, of a time the
-    distance of the second shortest repeat from the shortest. `tier` is that of the truth that an error was measured
-    against, ``our own run`` for counters and times. `rounding` is the largest change by rounding alone
-    (`tolerances.with_rounding`), None where that was not measured.
+    The uncertainty of an error is that of the truth, of a time the distance of the second shortest repeat. `tier` is
+    that of the truth behind an error, ``our own run`` for counters and times. `rounding` is the largest change by
+    rounding alone (`tolerances.with_rounding`).
     """
 
     name: str
@@ -142,8 +138,8 @@ class PlannedRun:
     def identity(self) -> str:
         """Content of the run, whatever its name: ``"pymunk, joint, dt = 0.01; scene 53f1d0c2a9e84b67"``.
 
-        Only runs of the same identity are compared. It has the content of the scene, the engine, the fidelity and all
-        settings. It does not have the version of the engine: whether a new one is worse is the question of a check.
+        Only runs of the same identity are compared. The version of the engine is no part of it: whether a new one is
+        worse is the question of a check.
         """
         variant, scene = self.variant, f"scene {scene_digest(self.scene)}"
         if variant is None:
@@ -194,10 +190,7 @@ def disturbed(scene: Scene, way: str) -> Scene:
 
 
 def _run_row(run: PlannedRun, variant: Variant, kinds: Collection[str], repeats: int) -> Row:
-    """Simulate and measure against the truth, in the child.
-
-    The time is that of the whole `Engine.run` as this process sees it, whatever the engine says of its own.
-    """
+    """Simulate and measure against the truth, in the child; the time is that of the whole `Engine.run`."""
     compile_kernels()
     solver, fidelity = load_engine(variant.engine), variant.fidelity
     has_static = solver.capabilities.static_coefficient.get(fidelity, False)

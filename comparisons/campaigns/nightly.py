@@ -38,11 +38,10 @@ OnRow = Callable[[Row], None] | None
 
 @dataclass(frozen=True)
 class Result:
-    """Rows and findings of a night, or of a ``check``; both of all runs, worst findings first.
+    """Rows and findings of a night, or of a ``check``; worst findings first.
 
-    `compared` is the number of runs that were compared with something, `resumed` that of rows which an interrupted run
-    of the same night had made. `random` has sentences on the random scenes. `first_nights` has, by key of runs that the
-    baseline does not have, the first night that has them, with which they are compared.
+    `compared` runs were compared with something; an interrupted run of the same night had made `resumed` rows. `random`
+    has sentences on the random scenes, `first_nights` the nights with which runs without a baseline are compared.
     """
 
     name: str

@@ -1,15 +1,9 @@
 """Changes beyond noise: of runs against the baseline, of times against the history.
 
-A run is compared with that of the same identity in the baseline; one that it does not have is new.
-
-Every kind of number has its own rule, and knows how far rounding alone moves it (`tolerances`). Status and events are
-compared exactly. So are counters that rounding leaves alone; others may differ by `FURTHER` times as much as it moves
-them. Truths may differ by their uncertainties. Errors and drift have hard bounds. A number that rounding moves beyond
-its bound leads to no verdict. In the first night of a campaign without a baseline rounding was not measured: errors,
-drift and counters are judged under the same `environment.conditions` only. So no verdict depends on the make of the
-processor.
-
-A number that only one of two truths has, such as a kind of events, is compared only if both are of the same tier.
+A run is compared with that of the same identity in the baseline; one that it does not have is new. Every kind of number
+has its own rule, and knows how far rounding alone moves it (`tolerances`). Where that was not measured, errors, drift
+and counters are judged under the same `environment.conditions` only, so that no verdict depends on the make of the
+processor. A number that only one of two truths has, such as a kind of events, is compared within a tier only.
 
 Times lead to a verdict only against the code before, timed in turns with it (`stiction.comparisons.timing.older_code`).
 The median over the runs of an engine decides, see `BOUND_TURNS`. Against a baseline or the history they are reported
@@ -174,15 +168,14 @@ def _of_numbers(row: Row, expected: Expected, kinds: Collection[str], times: Tim
 
 def _gone(row: Row, old: Metric) -> Finding:
     """Return the finding of a number that the baseline has and the row has not."""
-    tiers = {metric.tier for metric in row.metrics if metric.kind in ("accuracy", "event")}
-    severity = NOT_JUDGED
-    if old.kind in ("accuracy", "event") and tiers and old.tier not in tiers:
-        words = (f"not judged: the baseline's truth ({old.tier}) has it, that of now ({', '.join(sorted(tiers))}) "
-                 "has not")
+    kinds = ("accuracy", "event")
+    tiers = sorted({metric.tier for metric in row.metrics if metric.kind in kinds} if old.kind in kinds else ())
+    severity, words = REGRESSION, "the baseline has it, this run has nothing"
+    if tiers and old.tier not in tiers:
+        severity = NOT_JUDGED
+        words = f"not judged: the baseline's truth ({old.tier}) has it, that of now ({', '.join(tiers)}) has not"
     elif old.rounding == math.inf:
-        words = "not judged: with other rounding it is not there"
-    else:
-        severity, words = REGRESSION, "the baseline has it, this run has nothing"
+        severity, words = NOT_JUDGED, "not judged: with other rounding it is not there"
     return Finding(severity, old.kind, row.key, old.name, old.value, None, math.inf, words)
 
 

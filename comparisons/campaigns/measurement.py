@@ -23,7 +23,7 @@ from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.timing.calibration import TIME, relative_time
 from stiction.comparisons.timing.rounds import bare_run
 from stiction.comparisons.truth import CLOSED_FORM, NO_TRUTH, Truth
-from stiction.comparisons.variants import Variant, job, physics_of, run_key
+from stiction.comparisons.variants import Variant, has_static_coefficient, job, physics_of, run_key
 from stiction.engines import Outcome, Task, load_engine
 from stiction.engines.reference.engine import compile_kernels
 from stiction.scenes import Scene, Trajectory, vary
@@ -192,8 +192,7 @@ def disturbed(scene: Scene, way: str) -> Scene:
 def _run_row(run: PlannedRun, variant: Variant, kinds: Collection[str], repeats: int) -> Row:
     """Simulate and measure against the truth, in the child; the time is that of the whole `Engine.run`."""
     compile_kernels()
-    solver, fidelity = load_engine(variant.engine), variant.fidelity
-    has_static = solver.capabilities.static_coefficient.get(fidelity, False)
+    solver, has_static = load_engine(variant.engine), has_static_coefficient(variant)
     scene, given = (physics_of(each, has_static) for each in (run.scene, disturbed(run.scene, run.way)))
     output_step = OUTPUT_STEP * (2 if run.way == GRID else 1)
     arguments = job(run.scene, variant, run.step, output_step=output_step).arguments

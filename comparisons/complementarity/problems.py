@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import resources
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ import numpy as np
 from stiction.comparisons.atomic_files import whole_file
 from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.trajectory import rows_of
 
 if TYPE_CHECKING:
     from stiction.reference_impl.integration.result import Run
@@ -100,14 +102,12 @@ def _states(scene: Scene, run: Trajectory | Run, everywhere: bool) -> Iterator[t
         yield 0.0, *Mechanism(scene, "none").initial_state()
         return
     names = [[f"{body}.{label}" for body in scene.bodies for label in labels] for labels in BODY_COLUMNS[:2]]
-    chosen = range(len(run.t)) if everywhere else (0, -1)
-    rows: list[tuple[float, Mapping[str, float]]] = [
-        (run.t[i], {name: values[i] for name, values in run.columns.items()}) for i in chosen]
-    for event in run.events if everywhere else run.events[:PER_RUN - 2]:
-        for side in (event.before, event.after) if everywhere else (event.before,):
-            if side.keys() >= {*names[0], *names[1]}:  # not those of a part of the scene
-                rows.append((event.time, side))
-    for t, columns in sorted(rows, key=lambda row: row[0]):
+    samples: list[tuple[float, Mapping[str, float]]] = list(zip(run.t, rows_of(run.columns)))
+    events = run.events if everywhere else run.events[:PER_RUN - 2]
+    sides = [(event.time, side) for event in events
+             for side in ((event.before, event.after) if everywhere else (event.before,))
+             if side.keys() >= {*names[0], *names[1]}]  # not those of a part of the scene
+    for t, columns in sorted([*(samples if everywhere else [samples[0], samples[-1]]), *sides], key=itemgetter(0)):
         q, v = (np.array([columns[name] for name in part]) for part in names)
         yield t, q, v
 

@@ -23,6 +23,7 @@ from stiction.scenes import Scene, Trajectory, scene_from_dict
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute
+from stiction.scenes.trajectory import stacked
 
 T = TypeVar("T")
 
@@ -248,11 +249,7 @@ def _events(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
 def _columns(motion: Motion, run: Trajectory, *names: str) -> np.ndarray:
     """Columns of the guides, of shape (instants, names, guides)."""
     guides = motion.equations.guides
-    return np.array([[run[f"{guide}.{name}"] for guide in guides] for name in names]).transpose(2, 0, 1)
-
-
-def _positions(motion: Motion, run: Trajectory) -> np.ndarray:
-    return np.array([run[f"{name}.{key}"] for name in motion.equations.scene.bodies for key in ("x", "y", "angle")]).T
+    return stacked(run.columns, guides, names).reshape(-1, len(guides), len(names)).swapaxes(1, 2)
 
 
 def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[float, str]]:
@@ -260,7 +257,8 @@ def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
 
     With Baumgarte's stabilization the forces answer the drift, too: they may differ by `_answer`.
     """
-    q, forces = _positions(motion, run), _columns(motion, run, "normal_force", "friction")
+    q = stacked(run.columns, motion.equations.scene.bodies, BODY_COLUMNS[0])
+    forces = _columns(motion, run, "normal_force", "friction")
     rows = [k for k, t in enumerate(run.t) if t < motion.rest and all(
         abs(t - event.time) > 10 * bound * (1 + 1 / event.rate) for event in motion.events)]
     true = [motion.at(run.t[k]) for k in rows]
@@ -283,8 +281,7 @@ def _answer(motion: Motion, run: Trajectory, k: int) -> float:
     law, m = run.settings["stabilization"], motion.equations
     if law["method"] != "baumgarte":
         return 0.0
-    names = m.scene.bodies
-    q, v = (np.array([run[f"{name}.{key}"][k] for name in names for key in keys]) for keys in BODY_COLUMNS[:2])
+    q, v = (stacked(run.columns, m.scene.bodies, labels)[k] for labels in BODY_COLUMNS[:2])
     residual, J = (values[:-len(m.guides)] for values in m.rows(q)[:2])
     accelerated = 2 * law["alpha"] * J @ v + law["beta"] ** 2 * residual
     return float(np.max(np.abs(np.linalg.solve(J / m.mass @ J.T, accelerated))))
@@ -292,7 +289,8 @@ def _answer(motion: Motion, run: Trajectory, k: int) -> float:
 
 def _balance(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[float, str]]:
     """Guides share a load in ways not determined: forces are in balance, and in the static cone of each surface."""
-    m, q = motion.equations, _positions(motion, run)[-1]
+    m = motion.equations
+    q = stacked(run.columns, m.scene.bodies, BODY_COLUMNS[0])[-1]
     pins = [run[f"{name}.{key}"][-1] for name, joint in m.scene.joints.items() if isinstance(joint, Revolute)
             for key in ("fx", "fy")]
     [normal, moment, friction] = _columns(motion, run, "normal_force", "moment", "friction")[-1]

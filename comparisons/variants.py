@@ -116,8 +116,8 @@ COMMON_STEP = 1e-3
 def time_factor(scene: Scene, t_end: float | None = None) -> float:
     """Return the factor on the steps and on the distance of outputs for a scene: 1, 0.5, 0.2, 0.1, ..
 
-    The largest of these with which the coarsest step is no more than 1/`STEPS_PER_RUN` of the run and
-    1/`STEPS_PER_PERIOD` of the fastest period, as far as a run has no more than some `MOST_STEPS` for that.
+    It is the largest with which the coarsest step is at most 1/`STEPS_PER_RUN` of the run and 1/`STEPS_PER_PERIOD` of
+    the fastest period, as far as a run has no more than some `MOST_STEPS` for that.
     """
     end = scene.t_end if t_end is None else t_end
     longest = min(end / STEPS_PER_RUN, max(fastest_period(scene) / STEPS_PER_PERIOD, end / MOST_STEPS))
@@ -180,11 +180,10 @@ def run_key(scene: Scene, variant: Variant, step: float) -> str:
 
 
 def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
-    """Return the run of a variant with one of its steps, for `stiction.engines.isolation`.
+    """Return the run of a variant with one of its steps; arguments that are None are left out.
 
     Samples are kept every 10 ms; every 2 ms with the finest step and at `COMMON_STEP` and below, for the jumps of the
-    driving effort: what can be read off samples depends on their distance, so that methods which are compared have the
-    same. Both times `time_factor`. Arguments that are None are left out.
+    driving effort: methods that are compared have the same. Both times `time_factor`.
     """
     arguments = {name: value for name, value in arguments.items() if value is not None}
     factor = time_factor(scene, arguments.get("t_end"))

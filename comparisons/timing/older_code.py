@@ -1,8 +1,7 @@
 """Costs of runs over their costs in the code before: both timed in turns, on this machine, in one go.
 
-A time by itself says little. A calibration kernel is other work than the run. A busy neighbour shares caches and, in
-virtual machines, the core itself: it changes the ratio of the two, by 1.46 times for the same code. Another processor
-changed it by 1.9 times. The same run in the code before is the same work, disturbed alike at the same time.
+A busy neighbour changes the ratio of a run to a calibration kernel by 1.46 times for the same code, another processor
+by 1.9 times. The same run in the code before is the same work, disturbed alike at the same time.
 """
 
 from __future__ import annotations

@@ -1,17 +1,13 @@
 """Measurement of time by `validate`, `compare`, every night and in checks.
 
-`Engine.run` is timed with start and end as its only output: its cost is that of the motion, not of the table of it, nor
-of the gate that the run has passed before. Times are CPU times of the process that does the work.
+`Engine.run` is timed with start and end as its only output, in CPU time of the process that does the work: the cost is
+that of the motion, not of the table of it, nor of the gate that the run has passed before. All runs that are to be
+compared are timed in rounds, one at a time, in turns forwards and backwards, so that a machine that becomes slower does
+so for all. A visit repeats a short run for `BLOCK` seconds, and its sample is their median. Runs whose interval
+(`intervals`) is `WIDE` after the rounds required have more, up to `MOST`.
 
-All runs that are to be compared are timed in rounds, one at a time: each round visits every run once, in turns forwards
-and backwards, so that a machine that becomes slower does so for all. A visit repeats a short run for `BLOCK` seconds
-after one run that is not counted, and its sample is their median: what lasts as long as a visit counts once. All runs
-have as many rounds as required, slow ones and fast ones. Those whose interval (`stiction.comparisons.timing.intervals`)
-is `WIDE` then have more, up to `MOST`.
-
-The calibration kernel (`calibration_kernel`) is timed in each visit, 2 ms in all before and after the run, and each
-round has the load by others. Neither corrects a time or enters a verdict: the table of samples and the provenance
-(`stiction.comparisons.timing.timed_runs.machine_while_timing`) have both.
+The calibration kernel is timed in each visit, 2 ms in all before and after the run, and each round has the load by
+others. Neither corrects a time or enters a verdict: the table of samples and the provenance have both.
 """
 
 from __future__ import annotations

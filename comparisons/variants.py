@@ -159,14 +159,13 @@ def scaled(given: Iterable[Variant], scene: Scene, t_end: float | None = None) -
     if factor == 1:
         return tuple(given)
 
-    def scaled_steps(variant: Variant) -> tuple[float, ...]:
-        given = variant.ladder
-        return tuple(_rounded(step * factor) for step in given) if variant.parameter == "dt" else given
+    def scaled_one(variant: Variant) -> Variant:
+        steps = tuple(_rounded(step * factor) for step in variant.ladder)
+        own = {"dt": _rounded(variant.settings["dt"] * factor)} if "dt" in variant.settings else {}
+        return replace(variant, ladder=steps if variant.parameter == "dt" else variant.ladder,
+                       settings={**variant.settings, **own})
 
-    def scaled_settings(variant: Variant) -> dict[str, Any]:
-        return {name: _rounded(value * factor) if name == "dt" else value for name, value in variant.settings.items()}
-
-    return tuple(replace(variant, ladder=scaled_steps(variant), settings=scaled_settings(variant)) for variant in given)
+    return tuple(map(scaled_one, given))
 
 
 def _rounded(step: float) -> float:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from stiction.comparisons.campaigns.measurement import MOTION, WAYS, Metric, Row
+from stiction.comparisons.campaigns.measurement import MOTION, TRUTH, WAYS, Metric, Row
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 
@@ -39,6 +39,12 @@ def bound(error: float, parameter: str, margin: float) -> float:
     return max(FACTOR.get(parameter, FACTOR["dt"]) * error, error + margin)
 
 
+def tolerance(old: Metric, uncertainty: float) -> float:
+    """Return the largest change of a number other than an error, whose truths are as uncertain as this together."""
+    return {"event": 0.0, "counter": FURTHER["counter"] * (old.rounding or 0.0), MOTION: PATH_MOVED * old.value,
+            TRUTH: MARGIN[OWN_RUN] * uncertainty}[old.kind]
+
+
 def not_judged(metric: Metric, parameter: str) -> str:
     """Return why a number of a baseline leads to no verdict; empty where it does.
 
@@ -47,10 +53,9 @@ def not_judged(metric: Metric, parameter: str) -> str:
     moved = metric.rounding
     if moved is None or metric.kind == "counter":
         return ""
-    tolerated = {"event": 0.0, MOTION: PATH_MOVED * metric.value}.get(metric.kind)
-    if tolerated is None:
-        margin = MARGIN[metric.tier] * 2 * (metric.uncertainty or 0.0)
-        tolerated = bound(metric.value, parameter, margin) - metric.value
+    uncertainty = 2 * (metric.uncertainty or 0.0)
+    tolerated = (tolerance(metric, uncertainty) if metric.kind in ("event", MOTION)
+                 else bound(metric.value, parameter, MARGIN[metric.tier] * uncertainty) - metric.value)
     return f"not judged: rounding moves it by {moved:.3g}" if FURTHER.get(metric.kind, 1.0) * moved > tolerated else ""
 
 

@@ -63,8 +63,8 @@ def plugged(tmp_path, monkeypatch):
 
 
 def ladders(found, engine):
-    return {variant.fidelity: (variant.parameter, variant.ladder) for variant in found if variant.engine == engine
-            and variant.parameter == "dt"}
+    return {variant.fidelity: variant.ladder for variant in found
+            if variant.engine == engine and variant.parameter == "dt"}
 
 
 @pytest.mark.parametrize("ways", [variants, cost_variants, threshold_variants])

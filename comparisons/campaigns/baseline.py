@@ -48,7 +48,7 @@ from stiction.comparisons.campaigns.tolerances import not_judged
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 from stiction.scenes import FileError, Problem, StictionError
-from stiction.scenes.errors import problems_in_tables
+from stiction.scenes.errors import expectation, found_in
 from stiction.scenes.fields import Model
 from stiction.scenes.wording import shortened, shown
 
@@ -175,7 +175,9 @@ def _parsed(text: bytes, origin: str) -> Baseline:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BaselineError(origin, [Problem("file", shortened(str(error), 160), "expected TOML in UTF-8")]) from None
     except ValidationError as error:
-        raise BaselineError(origin, problems_in_tables(error, Baseline, {"runs": Expected})) from None
+        raise BaselineError(origin, [
+            Problem(shortened(".".join(map(str, detail["loc"])), 200), found_in(detail), expectation(detail))
+            for detail in error.errors(include_url=False)]) from None
 
 
 def updated(baseline: Baseline, rows: Iterable[Row], reason: str, origin: Mapping[str, Any],

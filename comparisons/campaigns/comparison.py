@@ -145,7 +145,7 @@ def _affordable(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome
     """Yield the runs that are timed: of each series, from coarse to fine, all that its budget has; two at least."""
     spent: dict[str, float] = defaultdict(float)
     steps: Counter[str] = Counter()
-    for (task, outcome), series in zip(pairs, comparison.ladders):
+    for (task, outcome), series in zip(pairs, comparison.ladders, strict=True):
         if outcome.status != "ok":
             continue
         cost = outcome.value.cost  # an engine need not state one

@@ -84,12 +84,12 @@ def conditions() -> str:
         f"{name} {_installed(name)}" for name in ("numpy", "scipy", "numba"))
 
 
-def commit(root: Path = ROOT) -> dict[str, Any] | None:
-    """Return the commit of the checkout in `root` and whether files in it differ; None outside of a checkout."""
-    if not (root / ".git").exists():
+def commit() -> dict[str, Any] | None:
+    """Return the commit of the checkout and whether files in it differ; None outside of a checkout."""
+    if not (ROOT / ".git").exists():
         return None
     try:
-        head, changes = (subprocess.run(["git", "-C", str(root), *words], capture_output=True, text=True, check=True,
+        head, changes = (subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=True,
                                         timeout=20).stdout.strip()
                          for words in (["rev-parse", "HEAD"], ["status", "--porcelain"]))
     except (OSError, subprocess.SubprocessError):  # no git, or a checkout that it will not read: nothing known

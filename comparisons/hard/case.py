@@ -54,7 +54,7 @@ class HardCase:
     set : Mapping
         Changes of the scene.
     text : sequence of str
-        Instead of `scene`: names of `texts` that make a scene file; `change` replaces parts of it.
+        Instead of `scene`: names of `texts`, or of long ones, that make a scene file; `change` replaces parts of it.
     variations : sequence
         Scenes whose runs must agree with the first: ``"reordered"``, or factors of length, mass and time.
     expected : str
@@ -126,9 +126,15 @@ class HardCase:
             If it cannot be loaded, as some cases expect.
         """
         if self.text:
+            texts = {**_tables()["texts"], "chain": chain(), "five MiB": "#" * (5 * 2 ** 20) + "\n",
+                     "nested": "x = " + "[" * 50_000}
+            text = "".join(texts[name] for name in self.text)
+            for found, replacement in self.change.items():
+                before, after = text.split(found)  # it is there once
+                text = before + replacement + after
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "scene.toml"
-                path.write_text(hostile_text(self.text, self.change))
+                path.write_text(text)
                 return (load_scene(path),)
         first = load_scene(self.scene, self.set)
         if not static_coefficient and not self.static and "mus" in first.parameters:
@@ -160,16 +166,6 @@ def hard_cases(depth: Depth = Depth.FULL) -> tuple[HardCase, ...]:
                                       "depth": Depth(table.get("depth", Depth.DEFAULT))})
              for topic, tables in _tables()["cases"].items() for name, table in tables.items())
     return tuple(case for case in cases if depth.reaches(case.depth))
-
-
-def hostile_text(names: Sequence[str], change: Mapping[str, str]) -> str:
-    """Put together the text of a scene file of those of ``cases.toml`` and of the long ones here."""
-    long = {"chain": chain, "five MiB": lambda: "#" * (5 * 2 ** 20) + "\n", "nested": lambda: "x = " + "[" * 50_000}
-    text = "".join(long[name]() if name in long else _tables()["texts"][name] for name in names)
-    for found, replacement in change.items():
-        before, after = text.split(found)  # it is there once
-        text = before + replacement + after
-    return text
 
 
 def chain() -> str:

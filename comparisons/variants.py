@@ -117,7 +117,7 @@ def time_factor(scene: Scene, t_end: float | None = None) -> float:
     """Return the factor on the steps and on the distance of outputs for a scene: 1, 0.5, 0.2, 0.1, ..
 
     It is the largest with which the coarsest step is at most 1/`STEPS_PER_RUN` of the run and 1/`STEPS_PER_PERIOD` of
-    the fastest period, as far as a run has no more than some `MOST_STEPS` for that.
+    the fastest period. For the latter a run has no more than some `MOST_STEPS`.
     """
     end = scene.t_end if t_end is None else t_end
     longest = min(end / STEPS_PER_RUN, max(fastest_period(scene) / STEPS_PER_PERIOD, end / MOST_STEPS))

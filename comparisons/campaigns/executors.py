@@ -40,8 +40,8 @@ def check_executor(name: str) -> None:
 def open_isolate(name: str = "processes", workers: int | None = None) -> Iterator[Isolate]:
     """Yield `stiction.engines.isolate` for ``"processes"``, or the same on a cluster.
 
-    That is one of so many workers on this machine for the time of the block (``"dask"``), or of a scheduler on whose
-    workers stiction is installed (``"dask:ADDRESS"``). There the parameter ``workers`` of `isolate` has no effect, and
+    ``"dask"`` has so many workers on this machine for the time of the block, ``"dask:ADDRESS"`` is a scheduler on whose
+    workers stiction is installed. There the parameter ``workers`` of `isolate` has no effect, and
     tasks that have not begun when the block ends are cancelled. The tasks of a worker that dies are made again on
     another; where Dask gives them up after several workers, their outcomes are ``crashed``. Raises InputError if no
     scheduler answers, or a worker has other code or may start no processes.

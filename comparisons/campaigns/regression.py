@@ -2,8 +2,8 @@
 
 A run is compared with that of the same identity in the baseline; one that it does not have is new. Every kind of number
 has its own rule, and knows how far rounding alone moves it (`tolerances`). Where that was not measured, errors, drift
-and counters are judged under the same `environment.conditions` only, so that no verdict depends on the make of the
-processor. A number that only one of two truths has, such as a kind of events, is compared within a tier only.
+and counters are judged under the same `environment.conditions` only: no verdict depends on the make of the processor. A
+number that only one of two truths has, such as a kind of events, is compared within a tier only.
 
 Times lead to a verdict only against the code before, timed in turns with it (`stiction.comparisons.timing.older_code`).
 The median over the runs of an engine decides, see `BOUND_TURNS`. Against a baseline or the history they are reported

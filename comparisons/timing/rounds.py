@@ -1,9 +1,9 @@
 """Measurement of time by `validate`, `compare`, every night and in checks.
 
-`Engine.run` is timed with start and end as its only output, in CPU time of the process that does the work: the cost is
+`Engine.run` is timed with start and end as its only output, in CPU time of the process that does the work. The cost is
 that of the motion, not of the table of it, nor of the gate that the run has passed before. All runs that are to be
-compared are timed in rounds, one at a time, in turns forwards and backwards, so that a machine that becomes slower does
-so for all. A visit repeats a short run for `BLOCK` seconds, and its sample is their median. Runs whose interval
+compared are timed in rounds, one at a time, in turns forwards and backwards. So a machine that becomes slower does so
+for all. A visit repeats a short run for `BLOCK` seconds, and its sample is their median. Runs whose interval
 (`intervals`) is `WIDE` after the rounds required have more, up to `MOST`.
 
 The calibration kernel is timed in each visit, 2 ms in all before and after the run, and each round has the load by

@@ -267,6 +267,13 @@ def _is_derived(engine: Any, name: str) -> bool:
         return False
 
 
+def _scene_in(folder: Path, name: Any) -> Any:
+    """Return the name of a scene of the catalogue; of one that is a file, which lies in a folder, its path."""
+    if not isinstance(name, str) or name in catalogue():
+        return name
+    return str(folder / name) if name.endswith(".toml") or (folder / name).is_file() else name
+
+
 def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) -> Campaign:
     """Read a campaign: that of a file, the suite's own where None.
 
@@ -281,9 +288,8 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
             if isinstance(check := tables.get("check"), dict):
                 every = [name for name in check.get("every", ()) if name in scenes]
                 tables["check"] = {**check, "scenes": list(scenes), "every": every}
-        elif isinstance(given := tables.get("scenes"), list):  # files lie in the folder of the campaign
-            tables["scenes"] = [str(path.parent / name) if isinstance(name, str) and name not in catalogue() else name
-                                for name in given]
+        elif isinstance(given := tables.get("scenes"), list):
+            tables["scenes"] = [_scene_in(path.parent, name) for name in given]
         campaign = Campaign.model_validate(tables, context=path.parent)
     except SceneError as error:
         raise CampaignError(str(path), error.problems) from None

@@ -65,3 +65,14 @@ def test_bad_campaign(text, culprits, tmp_path, monkeypatch):
         assert culprit in ended.stderr
     with pytest.raises(CampaignError):
         load_campaign("bad.toml")
+
+
+def test_a_campaign_in_another_folder_names_scenes_of_the_catalogue_and_files_beside_it(tmp_path):
+    """Hard ones too; the hint for a name that is wrong does not depend on the folder."""
+    (tmp_path / "mine.toml").write_text('base = "pendulum"\n')
+    scenes = '"pendulum", "hard/can-jam", "mine.toml"'
+    (tmp_path / "a.toml").write_text(SMALL.replace(CASE, scenes))
+    assert [scene.name for scene in load_campaign(tmp_path / "a.toml").scenes] == ["pendulum", "can-jam", "mine"]
+    (tmp_path / "a.toml").write_text(SMALL.replace("case-1", "case-9"))
+    with pytest.raises(CampaignError, match="scenes.0: found 'slider-bar-case-9'.*did you mean 'slider-bar-case-"):
+        load_campaign(tmp_path / "a.toml")

@@ -30,10 +30,7 @@ def partial_name(path: Path) -> Path:
 def whole_file(path: str | Path) -> Iterator[Path]:
     """Give a path to write to that becomes `path` when the block ends, on the disk, and vanishes if the block raises.
 
-    Raises
-    ------
-    NotWritten
-        For an OSError of the block or of the replacement.
+    Raises `NotWritten` for an OSError of the block or of the replacement.
     """
     path = Path(path).resolve()  # of a link, the file behind it
     partial = partial_name(path)
@@ -50,13 +47,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder, and those above it, if it is not there.
-
-    Raises
-    ------
-    FolderMissing
-        If it cannot be made.
-    """
+    """Make a folder, and those above it, if it is not there; raises `FolderMissing` if it cannot be made."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

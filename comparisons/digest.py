@@ -22,10 +22,7 @@ SIGNIFICANT = 12
 def digest(content: Any) -> str:
     """Return the SHA-256 of content as hexadecimal digits, the same in every process and on every machine.
 
-    Parameters
-    ----------
-    content
-        Scenes, numbers, texts, and mappings, sequences and dataclasses of them; anything else as it is pickled.
+    It is of scenes, numbers, texts, mappings, sequences and dataclasses of them; anything else as it is pickled.
     """
     return hashlib.sha256(json.dumps(_plain(content), sort_keys=True).encode()).hexdigest()
 

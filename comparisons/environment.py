@@ -58,17 +58,13 @@ def machine() -> dict[str, Any]:
     """Return what stays the same from run to run, some of it unknown to the system; ``load`` has what does not."""
     physical = psutil.cpu_count(logical=False)
     return {"cpu": _cpu_model(), "logical cores": os.cpu_count(), "physical cores": physical or UNKNOWN,
-            "largest frequency": _largest_frequency(), "caches": _caches() or UNKNOWN,
+            "largest frequency": _frequency("max"), "caches": _caches() or UNKNOWN,
             "memory": f"{psutil.virtual_memory().total / 2 ** 30:.1f} GiB", "os": platform.platform()}
 
 
 def load() -> dict[str, Any]:
     """Return frequency, processes that wait for a processor (mean of a minute), and memory left, now."""
-    try:
-        frequency = f"{psutil.cpu_freq().current:.0f} MHz"
-    except (AttributeError, NotImplementedError, OSError):  # None where it is not known
-        frequency = UNKNOWN
-    return {"frequency": frequency, "load": round(psutil.getloadavg()[0], 2),
+    return {"frequency": _frequency("current"), "load": round(psutil.getloadavg()[0], 2),
             "memory left": f"{psutil.virtual_memory().available / 2 ** 30:.1f} GiB"}
 
 
@@ -88,12 +84,12 @@ def conditions() -> str:
         f"{name} {_installed(name)}" for name in ("numpy", "scipy", "numba"))
 
 
-def commit(root: Path = ROOT) -> dict[str, Any] | None:
-    """Return the commit of the checkout in `root` and whether files in it differ; None outside of a checkout."""
-    if not (root / ".git").exists():
+def commit() -> dict[str, Any] | None:
+    """Return the commit of the checkout and whether files in it differ; None outside of a checkout."""
+    if not (ROOT / ".git").exists():
         return None
     try:
-        head, changes = (subprocess.run(["git", "-C", str(root), *words], capture_output=True, text=True, check=True,
+        head, changes = (subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=True,
                                         timeout=20).stdout.strip()
                          for words in (["rev-parse", "HEAD"], ["status", "--porcelain"]))
     except (OSError, subprocess.SubprocessError):  # no git, or a checkout that it will not read: nothing known
@@ -118,10 +114,11 @@ def _installed(package: str) -> str:
         return "not installed as a package"
 
 
-def _largest_frequency() -> str:
+def _frequency(which: str) -> str:
+    """Current or largest (max) frequency of the processors."""
     try:
-        found = psutil.cpu_freq().max
-    except (AttributeError, NotImplementedError, OSError):
+        found = getattr(psutil.cpu_freq(), which)
+    except (AttributeError, NotImplementedError, OSError):  # None where it is not known
         found = 0.0  # as virtual machines say
     return f"{found:.0f} MHz" if found else UNKNOWN
 

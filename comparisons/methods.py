@@ -53,14 +53,9 @@ def rank(parameter: str, step: float) -> float:
 
 
 def stored_keys(results: Results) -> frozenset[str]:
-    """Keys of the runs whose trajectories a run folder keeps.
-
-    All that are compared; at a depth that says ``drawn`` the `drawn_runs`. Runs that were made to be timed alone are
-    repeated by the command in their row.
-    """
-    if results.settings.get("trajectories") != "drawn":
-        return frozenset(record.key for record in results.records)
-    return frozenset(record.key for record in drawn_runs(results))
+    """Keys of the runs whose trajectories a run folder keeps: the `drawn_runs` at a depth that says so, else all."""
+    drawn = results.settings.get("trajectories") == "drawn"
+    return frozenset(record.key for record in (drawn_runs(results) if drawn else results.records))
 
 
 def run_label(record: Record) -> str:
@@ -81,11 +76,7 @@ def title_of(scene: str) -> str:
 
 
 def groups(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """The rows that answer one question, with a name: one fidelity, and one physics of static friction.
-
-    Joint and contact fidelity answer different questions; so do mus > mu and, of an engine that has no static
-    coefficient, mus = mu.
-    """
+    """The rows that answer one question, by name: one fidelity, and mus > mu or, for engines without it, mus = mu."""
     equal = table["truth"].astype(str).str.endswith(MUS_EQUALS_MU)
     for (fidelity, same), rows in table.groupby([table["fidelity"], equal], sort=False):
         yield f"{fidelity}, mus {'=' if same else '>'} mu", rows
@@ -111,8 +102,8 @@ def known_of(rows: pd.DataFrame, column: str) -> dict[str, str]:
 def methods(results: Results) -> list[str]:
     """Labels of the variants that stand for a method: the first of each engine, fidelity and way of solving.
 
-    Of an engine without any trajectory it is the first of each fidelity; of one that is not installed there is none. A
-    stored run need not have the trajectories of others.
+    Of an engine without any trajectory, as in a stored run, it is the first of each fidelity; of one that is not
+    installed there is none.
     """
     made = representatives(record for record in results.records if record.trajectory is not None)
     known = {(record.variant.engine, record.variant.fidelity) for record in made}
@@ -161,16 +152,7 @@ def at_equal_step(table: pd.DataFrame, variant: str) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Method:
-    """The runs of a variant at equal step that were made.
-
-    Attributes
-    ----------
-    variant : str
-    rows : DataFrame
-        Of a table, with its labels; a row or more per case.
-    column : str
-        The error by which the method is ranked.
-    """
+    """The runs of a variant at equal step that were made: rows of a table, ranked by the error in a column."""
 
     variant: str
     rows: pd.DataFrame
@@ -197,26 +179,17 @@ class Method:
     @cached_property
     def worst(self) -> int | None:
         """Label of the row with the largest error; None if all runs failed."""
-        errors = self.rows.drop(index=self.failed.index)[self.column]
-        return None if errors.empty else int(errors.abs().idxmax())
+        return None if len(self.failed) == len(self.rows) else self.worst_row
 
     @property
     def worst_row(self) -> int:
-        """The same of a method with a run that succeeded.
-
-        Raises
-        ------
-        ValueError
-            If all runs failed.
-        """
-        if self.worst is None:
-            raise ValueError(f"{self.variant}: found no run that succeeded; expected one")
-        return self.worst
+        """The same of a method with a run that succeeded; raises ValueError for others."""
+        return int(self.rows.drop(index=self.failed.index)[self.column].abs().idxmax())
 
     @property
     def is_ranked(self) -> bool:
         """True if every run succeeded, so that its worst case is that of all cases."""
-        return self.worst is not None and self.failed.empty
+        return self.failed.empty
 
 
 def made_methods(table: pd.DataFrame, variants: Iterable[str], column: str) -> dict[str, Method]:

@@ -15,28 +15,21 @@ from stiction.comparisons.variants import Record
 
 @dataclass(frozen=True)
 class Results:
-    """Yield of the main job.
+    """Yield of the main job: every run, failures included, the truths, and tables by name.
+
+    Truths have the names of their scenes; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
+    Settings are those of the campaign, among them whether an interrupt left runs unmade, and the machine's load.
+    `timed` are the runs behind ``cost``, ``effects`` and ``suppression``, `problems` the complementarity problems that
+    the reference met in the hard cases.
 
     Attributes
     ----------
-    records : tuple of Record
-        Every run, failures included.
-    truths : Mapping[str, Truth]
-        By name of the scene; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
     tables : Mapping[str, DataFrame]
         ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``,
         ``claims`` and, in full, their ``sensitivity``, ``hard``; ``hold`` and its ``hold-..``; of the first scene
         ``orders``, ``effects``, ``suppression``; of all cases ``cost``, and ``times``: the samples behind all times;
         ``equal-error`` of all cases and, in full, of all of `stiction.comparisons.studies.equal_error.SCENES`; in full
         ``settings``: what the settings of the engines do, `stiction.comparisons.studies.engine_settings`.
-    settings : Mapping
-        Of the campaign: depth, engines, time limit, workers, which trajectories are stored, whether an interrupt left
-        runs unmade, and the machine's load before, while timing and after.
-    wall_s, cpu_s : float
-    timed : tuple of Record
-        The runs behind ``cost``, ``effects`` and ``suppression``, failures included.
-    problems : tuple of Problem
-        The complementarity problems that the reference met in the hard cases.
     """
 
     records: tuple[Record, ...]

@@ -31,25 +31,12 @@ FRICTION_BY, EVENTS_BY = "friction by", "events by"
 
 @dataclass(frozen=True)
 class Variant:
-    """An engine with settings, over a series of steps or tolerances.
+    """An engine with settings, over a `ladder` of steps or tolerances, from coarse to fine.
 
-    Attributes
-    ----------
-    label : str
-        Short and unique, as it stands in legends: ``"pymunk, contact"``.
-    engine : str
-    parameter : str
-        One of `PARAMETERS`.
-    ladder : tuple of float
-        From coarse to fine.
-    fidelity : str
-    settings : Mapping
-    stands_for : str
-        The engine in whose place this one is compared with a baseline: its own if empty.
-    cost, threshold : tuple of float
-        Other series of the same parameter, for the comparisons that take other steps; see `campaigns/validation.toml`.
-    effects : Mapping[str, Mapping]
-        Settings by name that `stiction.comparisons.studies.effects` toggles, besides what the scene declares.
+    The label is short and unique, as it stands in legends: ``"pymunk, contact"``; the parameter is one of `PARAMETERS`.
+    With a baseline it is compared in the place of the engine that it `stands_for`, its own if empty. `cost` and
+    `threshold` are series of the same parameter for comparisons that take other steps (`campaigns/validation.toml`).
+    `effects` are settings by name that `stiction.comparisons.studies.effects` toggles.
     """
 
     label: str
@@ -66,17 +53,9 @@ class Variant:
 
 @dataclass(frozen=True)
 class Record:
-    """One run of the campaign and its outcome.
+    """One run of the campaign and its outcome, whose value is the trajectory, None unless the status is ``"ok"``.
 
-    Attributes
-    ----------
-    key : str
-        ``"<scene>/<variant>/<parameter>=<step>"``; leads from a row of a table to the trajectory.
-    variant : Variant
-    step : float
-        One of the steps: dt (s) or rtol.
-    outcome : Outcome
-        Its value is the trajectory, None unless the status is ``"ok"``.
+    The key ``"<scene>/<variant>/<parameter>=<step>"`` leads from a row of a table to the trajectory.
     """
 
     key: str
@@ -91,13 +70,7 @@ class Record:
 
     @property
     def run(self) -> Trajectory:
-        """The trajectory of a run that succeeded.
-
-        Raises
-        ------
-        ValueError
-            If it did not.
-        """
+        """The trajectory of a run that succeeded; raises ValueError for others."""
         if self.trajectory is None:
             raise ValueError(f"{self.key}: found a run that is {self.outcome.status}; expected one that succeeded")
         return self.trajectory
@@ -143,8 +116,8 @@ COMMON_STEP = 1e-3
 def time_factor(scene: Scene, t_end: float | None = None) -> float:
     """Return the factor on the steps and on the distance of outputs for a scene: 1, 0.5, 0.2, 0.1, ..
 
-    The largest of these with which the coarsest step is no more than 1/`STEPS_PER_RUN` of the run and
-    1/`STEPS_PER_PERIOD` of the fastest period, as far as a run has no more than some `MOST_STEPS` for that.
+    It is the largest with which the coarsest step is at most 1/`STEPS_PER_RUN` of the run and 1/`STEPS_PER_PERIOD` of
+    the fastest period. For the latter a run has no more than some `MOST_STEPS`.
     """
     end = scene.t_end if t_end is None else t_end
     longest = min(end / STEPS_PER_RUN, max(fastest_period(scene) / STEPS_PER_PERIOD, end / MOST_STEPS))
@@ -156,11 +129,11 @@ def time_factor(scene: Scene, t_end: float | None = None) -> float:
 
 
 def fastest_period(scene: Scene) -> float:
-    """Return the shortest period that the scene declares, s; infinite without any.
+    """Return the shortest period that the scene declares, s: of laws, turns and springs; infinite without any.
 
-    Those of sinusoidal laws, of a turn of a drive of constant rate, and of springs. The frequency of a spring alone
-    between two bodies is at most sqrt(k c), where c is what a unit force at its points accelerates them by: 1/m +
-    r^2/I of each (Rayleigh's quotient; constraints only add mass), of a torsional spring 1/I of each.
+    The frequency of a spring alone between two bodies is at most sqrt(k c), where c is what a unit force at its points
+    accelerates them by: 1/m + r^2/I of each (Rayleigh's quotient; constraints only add mass), of a torsional spring 1/I
+    of each.
     """
     frequencies = [0.0]
     for element in (*scene.drives.values(), *scene.forces.values()):
@@ -186,14 +159,13 @@ def scaled(given: Iterable[Variant], scene: Scene, t_end: float | None = None) -
     if factor == 1:
         return tuple(given)
 
-    def scaled_steps(variant: Variant) -> tuple[float, ...]:
-        given = variant.ladder
-        return tuple(_rounded(step * factor) for step in given) if variant.parameter == "dt" else given
+    def scaled_one(variant: Variant) -> Variant:
+        steps = tuple(_rounded(step * factor) for step in variant.ladder)
+        own = {"dt": _rounded(variant.settings["dt"] * factor)} if "dt" in variant.settings else {}
+        return replace(variant, ladder=steps if variant.parameter == "dt" else variant.ladder,
+                       settings={**variant.settings, **own})
 
-    def scaled_settings(variant: Variant) -> dict[str, Any]:
-        return {name: _rounded(value * factor) if name == "dt" else value for name, value in variant.settings.items()}
-
-    return tuple(replace(variant, ladder=scaled_steps(variant), settings=scaled_settings(variant)) for variant in given)
+    return tuple(map(scaled_one, given))
 
 
 def _rounded(step: float) -> float:
@@ -207,11 +179,10 @@ def run_key(scene: Scene, variant: Variant, step: float) -> str:
 
 
 def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
-    """Return the run of a variant with one of its steps, for `stiction.engines.isolation`.
+    """Return the run of a variant with one of its steps; arguments that are None are left out.
 
     Samples are kept every 10 ms; every 2 ms with the finest step and at `COMMON_STEP` and below, for the jumps of the
-    driving effort: what can be read off samples depends on their distance, so that methods which are compared have the
-    same. Both times `time_factor`. Arguments that are None are left out.
+    driving effort: methods that are compared have the same. Both times `time_factor`.
     """
     arguments = {name: value for name, value in arguments.items() if value is not None}
     factor = time_factor(scene, arguments.get("t_end"))

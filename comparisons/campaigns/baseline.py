@@ -32,12 +32,13 @@ from __future__ import annotations
 import json
 import subprocess
 import tomllib
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import Field, ValidationError
 
@@ -53,7 +54,7 @@ from stiction.scenes.wording import shortened, shown
 
 DEFAULT = Path(str(resources.files("stiction.comparisons") / "baselines" / "nightly.toml"))
 """The baseline of the suite's own campaign."""
-FORMAT = 2
+FORMAT: Final = 2
 DIGITS = 3
 """Significant digits of what is held to a bound of tens of per cent or more; truths and counts are written in full."""
 _ROUNDED = ("accuracy", "drift", "time")
@@ -72,10 +73,8 @@ class BaselineRefused(StictionError):
 
 if TYPE_CHECKING:  # of which no literals are made by name
     _Tier = str
-    _Format = int
 else:
     _Tier = Literal[PROVEN, CLOSED_FORM, HIGH_PRECISION, PUBLISHED, OWN_RUN]
-    _Format = Literal[FORMAT]
 
 
 class _Number(Model):
@@ -114,7 +113,7 @@ class Expected(Model):
 
     @property
     def metrics(self) -> dict[str, Metric]:
-        """Numbers by name, in the order of the kinds."""
+        """Numbers by name."""
         return {name: Metric(name, kind, number.value, number.uncertainty, number.tier, number.rounding)
                 for kind in (TRUTH, *KINDS) for name, number in getattr(self, kind).items()}
 
@@ -136,7 +135,7 @@ class _Update(Model):
 class Baseline(Model):
     """A baseline: the expected runs by name, and who changed it when and why."""
 
-    format: _Format
+    format: Literal[2]
     updates: tuple[_Update, ...] = ()
     runs: dict[str, Expected] = {}
 
@@ -147,27 +146,18 @@ class Baseline(Model):
 
 
 def load_baseline(reference: str | None = None) -> Baseline:
-    """Read a baseline.
+    """Read a baseline: the suite's own file where None, another file, or a version of git's.
 
-    Parameters
-    ----------
-    reference
-        A file; a commit of git, whose version of the suite's own baseline is taken; or ``COMMIT:PATH``, as ``git show``
-        has it. The suite's own file as it is where None.
-
-    Raises
-    ------
-    BaselineError
-        With all problems of the file at once.
+    That is a commit, for the suite's own baseline, or ``COMMIT:PATH``, as ``git show`` has it. Raises `BaselineError`
+    with all problems of the file at once.
     """
     if reference is None or Path(reference).is_file():
         path = DEFAULT if reference is None else Path(reference)
         return _parsed(path.read_bytes(), str(path))
     what = reference if ":" in reference else f"{reference}:./{DEFAULT.name}"
-    command = ["git", "show", "--end-of-options", what]
     try:
-        found = subprocess.run(command, cwd=Path() if ":" in reference else DEFAULT.parent, capture_output=True,
-                               timeout=60, check=True)
+        found = subprocess.run(["git", "show", "--end-of-options", what], capture_output=True, timeout=60, check=True,
+                               cwd=None if ":" in reference else DEFAULT.parent)
     except (OSError, subprocess.SubprocessError) as error:
         words = " ".join((getattr(error, "stderr", None) or str(error).encode()).decode(errors="replace").split())
         raise BaselineError(reference, [Problem("baseline", f"no such file, and git says: {shortened(words, 200)}",
@@ -192,16 +182,9 @@ def _parsed(text: bytes, origin: str) -> Baseline:
 
 def updated(baseline: Baseline, rows: Iterable[Row], reason: str, origin: Mapping[str, Any],
             campaign: Collection[str]) -> Baseline:
-    """Return the baseline with the numbers of the rows.
+    """Return the baseline with the numbers of the rows, whose `environment.origin` is `origin`.
 
-    Runs that were not made keep what they have, unless they are not in the campaign.
-
-    Parameters
-    ----------
-    origin
-        The `environment.origin` of the rows.
-    campaign
-        Keys of all its runs.
+    Runs that were not made keep what they have, unless they are not among the keys of the campaign.
 
     Raises
     ------
@@ -224,7 +207,7 @@ def updated(baseline: Baseline, rows: Iterable[Row], reason: str, origin: Mappin
         runs[row.key] = expected_of(row, origin["conditions"], old.fixed)
     if moved:
         title = "a truth of a tier above our own run is not what the baseline says, and no update changes one:"
-        raise BaselineRefused("\n".join([title, *(f"  {line}" for line in moved)]))
+        raise BaselineRefused("\n  ".join([title, *moved]))
     versions = ", ".join(f"{name} {version}" for name, version in origin["versions"].items())
     update = _Update(date=datetime.now(UTC).date().isoformat(), reason=reason, commit=origin["commit"] or "",
                      machine=origin["machine"]["cpu"], versions=versions)
@@ -233,11 +216,12 @@ def updated(baseline: Baseline, rows: Iterable[Row], reason: str, origin: Mappin
 
 def expected_of(row: Row, conditions: str, fixed: Mapping[str, Metric] = MappingProxyType({})) -> Expected:
     """Return what a row, made under these conditions, makes expected; numbers that are `fixed` stay as they are."""
-    numbers: dict[str, dict[str, _Number]] = {kind: {} for kind in (TRUTH, *KINDS)}
+    numbers: dict[str, dict[str, _Number]] = defaultdict(dict)
     for metric in ({metric.name: metric for metric in row.metrics} | dict(fixed)).values():
-        value = _rounded(metric.value) if metric.kind in _ROUNDED else metric.value
-        numbers[metric.kind][metric.name] = _Number(
-            value=value, uncertainty=_rounded(metric.uncertainty), tier=metric.tier, rounding=_rounded(metric.rounding))
+        number = _Number(value=metric.value, uncertainty=metric.uncertainty, tier=metric.tier, rounding=metric.rounding)
+        short = {name: float(f"{value:.{DIGITS}g}") for name, value in number
+                 if isinstance(value, float) and (name != "value" or metric.kind in _ROUNDED)}
+        numbers[metric.kind][metric.name] = number.model_copy(update=short)
     return Expected(identity=row.identity, version=row.version or "", conditions=conditions, status=row.status,
                     reason=row.reason, other_ends=row.other_ends, **numbers)
 
@@ -256,18 +240,6 @@ def moved_truths(row: Row, expected: Expected) -> Iterator[tuple[Metric, Metric 
                                f"the uncertainties of both allow {allowed:.2g}")
 
 
-@overload
-def _rounded(value: float) -> float: ...
-
-
-@overload
-def _rounded(value: float | None) -> float | None: ...
-
-
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else float(f"{value:.{DIGITS}g}")
-
-
 def write_baseline(baseline: Baseline, path: Path) -> None:
     """Write the file, whole or not at all; errors as of `atomic_files.whole_file`."""
     lines = [_HEAD, f"format = {FORMAT}"]
@@ -279,10 +251,10 @@ def write_baseline(baseline: Baseline, path: Path) -> None:
 
 
 def _lines_of(key: str, expected: Expected) -> Iterator[str]:
-    yield f"identity = {_toml(expected.identity)}"
-    yield from (f"{name} = {_toml(value)}" for name in ("version", "conditions") if (value := getattr(expected, name)))
-    yield f"status = {_toml(expected.status)}"
-    yield f"reason = {_toml(expected.reason)}"
+    for name in ("identity", "version", "conditions", "status", "reason"):
+        value = getattr(expected, name)
+        if value or name not in ("version", "conditions"):
+            yield f"{name} = {_toml(value)}"
     if expected.other_ends:
         yield f"other_ends = [{', '.join(map(_toml, expected.other_ends))}]"
     parameter = key.rpartition("/")[2].partition("=")[0]

@@ -35,14 +35,13 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, ValidationInfo
 
-from stiction.comparisons.campaigns.measurement import KINDS, PlannedRun
+from stiction.comparisons.campaigns.measurement import KINDS, Kind, PlannedRun
 from stiction.comparisons.depth import Depth, Extent
 from stiction.comparisons.variants import PARAMETERS, Variant
 from stiction.engines.registry import EngineMissing, absolute_name, engine_names, is_file, label_of, load_engine
-from stiction.scenes import FileError, Scene, SceneError, catalogue, load_scene
+from stiction.scenes import FileError, InputError, Scene, SceneError, catalogue, load_scene
 from stiction.scenes.errors import problems_of
 from stiction.scenes.fields import Model, Positive
 from stiction.scenes.loading import read_toml
@@ -84,15 +83,23 @@ class _Steps(Model):
             if list(steps) != sorted(set(steps), reverse=way == "decrease"):
                 yield name, steps, f"expected numbers that {way}: from coarse to fine"
 
-    def variant(self, label: str, **others: Any) -> Variant:
+    def variant(self, label: str, engine: str, **others: Any) -> Variant:
         [parameter] = self.parameters
         number = int if parameter == "iterations" else float
         ladder, cost, threshold = (tuple(map(number, getattr(self, name))) for name in (parameter, "cost", "threshold"))
-        return Variant(label, parameter=parameter, ladder=ladder, cost=cost, threshold=threshold, **others)
+        portable = label_of(engine) if is_file(engine) else ""  # the name of a file in baselines, for any machine
+        return Variant(label, engine, parameter, ladder, cost=cost, threshold=threshold, stands_for=portable, **others)
+
+
+def _placed(engine: Any, info: ValidationInfo) -> Any:
+    """Return an engine; of one that is a file, which is relative to that of the campaign, its absolute path."""
+    if not isinstance(engine, str) or not is_file(engine):
+        return engine
+    return absolute_name(str(Path(info.context or "") / engine))
 
 
 class _Variant(_Steps):
-    engine: str
+    engine: Annotated[str, BeforeValidator(_placed)]
     fidelity: Literal["joint", "contact"] = "joint"
     settings: dict[str, Any] = {}
     effects: dict[str, dict[str, Any]] = {}
@@ -126,6 +133,10 @@ class _Check(Model):
     variants: tuple[str, ...]
     every: tuple[str, ...] = ()
 
+    @property
+    def scene_names(self) -> list[str]:
+        return [Path(name).stem for name in self.scenes]
+
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         yield from _unknown("every", self.every, self.scenes, "the check's scenes")
 
@@ -136,49 +147,28 @@ def _unknown(key: str, given: Sequence[str], known: Sequence[str], of: str) -> I
             yield f"{key}.{i}", name, f"expected one of {of}: {names(known)}{did_you_mean(name, known)}"
 
 
-def _load_scenes(given: Any) -> Any:
-    """Load scenes by their names in the catalogue or the paths of their files."""
-    if not isinstance(given, list):
-        return given  # an error of the type
-    scenes: list[Scene] = []
-    wrong: list[tuple[str, Any, str]] = []
-    for i, name in enumerate(given):
-        if not isinstance(name, str):
-            wrong.append((str(i), name, "expected text"))
-            continue
-        try:
-            scene = load_scene(name)
-        except SceneError as error:
-            wrong += [(str(i), name, problem.expected if problem.key == "scene" else str(problem))
-                      for problem in error.problems]
-            continue
-        if scene.name in (known.name for known in scenes):
-            wrong.append((str(i), name, f"expected one scene of the name {scene.name}"))
-        scenes.append(scene)
-    if wrong:
-        raise PydanticCustomError("inconsistent", "inconsistent", {"found": wrong})
-    return scenes
+def _loaded(given: Any) -> Scene:
+    """Load a scene by its name in the catalogue or the path of its file."""
+    if not isinstance(given, str):
+        raise InputError("expected text")
+    try:
+        return load_scene(given)
+    except SceneError as error:
+        raise InputError("; ".join(problem.expected if problem.key == "scene" else str(problem)
+                                   for problem in error.problems)) from None
 
 
 def _as_variants(tables: dict[str, _Variant]) -> tuple[Variant, ...]:
-    return tuple(table.variant(label, engine=table.engine, fidelity=table.fidelity, settings=table.settings,
-                               effects=table.effects, stands_for=_portable(table.engine))
-                 for label, table in tables.items())
-
-
-def _portable(engine: str) -> str:
-    """The name of an engine that is a file for baselines, which hold on any machine; empty for others."""
-    return label_of(engine) if is_file(engine) else ""
+    return tuple(table.variant(label, table.engine, fidelity=table.fidelity, settings=table.settings,
+                               effects=table.effects) for label, table in tables.items())
 
 
 _Label = Annotated[str, Field(pattern=r"^[^/|\n]+$")]
 
 
 if TYPE_CHECKING:
-    _Kind = str
     _Variants = tuple[Variant, ...]
-else:  # as the file has them: a name, and a table that becomes the tuple
-    _Kind = Literal[KINDS]
+else:  # as the file has them: a table that becomes the tuple
     _Variants = Annotated[dict[_Label, _Variant], Field(min_length=1), AfterValidator(_as_variants)]
 
 
@@ -186,10 +176,10 @@ class Campaign(Model):
     """A campaign, loaded; see the module. Its scenes are loaded, its variants a tuple of `Variant`."""
 
     title: str = ""
-    scenes: Annotated[tuple[Scene, ...], Field(min_length=1), BeforeValidator(_load_scenes)]
+    scenes: tuple[Annotated[Scene, BeforeValidator(_loaded)], ...]
     variants: _Variants
     others: _Others | None = None
-    measure: tuple[_Kind, ...] = KINDS
+    measure: tuple[Kind, ...] = KINDS
     random: Annotated[int, Field(ge=0)] = 0
     """Random slider-bars that a night draws afresh and holds to the truth (`random_slider_bars`)."""
     random_mechanisms: Annotated[int, Field(ge=0)] = 0
@@ -203,10 +193,15 @@ class Campaign(Model):
     _name: str = ""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        if not self.scenes:
+            yield "scenes", [], "expected at least 1"
+        scenes = [scene.name for scene in self.scenes]
+        for i, name in enumerate(scenes):
+            if name in scenes[:i]:
+                yield f"scenes.{i}", name, f"expected one scene of the name {name}"
         if self.check is not None:
-            scenes = [Path(name).stem for name in self.check.scenes]
-            yield from _unknown("check.scenes", scenes, [scene.name for scene in self.scenes], "the campaign")
             labels = [variant.label for variant in self.variants]
+            yield from _unknown("check.scenes", self.check.scene_names, scenes, "the campaign")
             yield from _unknown("check.variants", self.check.variants, labels, "the campaign")
 
     @property
@@ -229,23 +224,17 @@ class Campaign(Model):
     @property
     def check_runs(self) -> list[PlannedRun]:
         """Runs of a check: those of its scenes and variants, and each variant's first step on the scenes of `every`."""
-        if self.check is None:
+        if (check := self.check) is None:
             return self.runs
-        scenes = [Path(name).stem for name in self.check.scenes]
-        return [run for run in self.runs if run.scene.name in scenes and (
-            run.variant is None or run.variant.label in self.check.variants
+        return [run for run in self.runs if run.scene.name in check.scene_names and (
+            run.variant is None or run.variant.label in check.variants
             or run.followed and run.step == run.variant.ladder[0])]
 
     def of_engine(self, name: str) -> Campaign:
-        """Return the campaign for one engine alone, all of whose runs belong to the check.
+        """Return the campaign for one engine alone, all of whose runs belong to the check; errors of `load_engine`.
 
         One of the campaign keeps its variants. One whose class is derived from that of an engine of the campaign takes
         its place and is held to that one's baseline. Any other has `variants_of` its own.
-
-        Raises
-        ------
-        UnknownEngine, EngineMissing
-            See `stiction.engines.load_engine`.
         """
         name = absolute_name(name)
         engine = load_engine(name)  # unlike one of many in a campaign, one that is requested alone must be there
@@ -253,8 +242,7 @@ class Campaign(Model):
                or tuple(replace(variant, engine=name, stands_for=variant.engine) for variant in self.variants
                         if _is_derived(engine, variant.engine))
                or self.variants_of(name))
-        labels = tuple(variant.label for variant in own)
-        check = self.check and self.check.model_copy(update={"variants": labels})
+        check = self.check and self.check.model_copy(update={"variants": tuple(variant.label for variant in own)})
         return self.model_copy(update={"variants": own, "check": check})
 
     def variants_of(self, name: str) -> tuple[Variant, ...]:
@@ -264,10 +252,9 @@ class Campaign(Model):
         try:
             capabilities = load_engine(name).capabilities
         except EngineMissing:  # the row of its run will say so
-            return (others.dt.variant(label_of(name), engine=name, stands_for=_portable(name)),)
+            return (others.dt.variant(label_of(name), name),)
         steps, label = others.rtol if capabilities.adaptive else others.dt, label_of(name)
-        return tuple(steps.variant(label if fidelity == "joint" else f"{label}, {fidelity}", engine=name,
-                                   fidelity=fidelity, stands_for=_portable(name))
+        return tuple(steps.variant(label if fidelity == "joint" else f"{label}, {fidelity}", name, fidelity=fidelity)
                      for fidelity in capabilities.fidelities)
 
 
@@ -280,20 +267,18 @@ def _is_derived(engine: Any, name: str) -> bool:
         return False
 
 
+def _scene_in(folder: Path, name: Any) -> Any:
+    """Return the name of a scene of the catalogue; of one that is a file, which lies in a folder, its path."""
+    if not isinstance(name, str) or name in catalogue():
+        return name
+    return str(folder / name) if name.endswith(".toml") or (folder / name).is_file() else name
+
+
 def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) -> Campaign:
-    """Read a campaign.
+    """Read a campaign: that of a file, the suite's own where None.
 
-    Parameters
-    ----------
-    path
-        Its file; the suite's own where None.
-    scenes
-        Names or paths that replace the scenes of the campaign and of its part for checks.
-
-    Raises
-    ------
-    CampaignError
-        With all problems of the file at once, or of the scenes that replace its own.
+    `scenes` are names or paths that replace the scenes of the campaign and of its part for checks. Raises
+    `CampaignError` with all problems of the file at once, or of these scenes.
     """
     path = DEFAULT if path is None else Path(path)
     try:
@@ -303,10 +288,9 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
             if isinstance(check := tables.get("check"), dict):
                 every = [name for name in check.get("every", ()) if name in scenes]
                 tables["check"] = {**check, "scenes": list(scenes), "every": every}
-        elif isinstance(given := tables.get("scenes"), list):  # files lie in the folder of the campaign
-            tables["scenes"] = [str(path.parent / name) if isinstance(name, str) and name not in catalogue() else name
-                                for name in given]
-        campaign = Campaign.model_validate(_with_files(tables, path.parent))
+        elif isinstance(given := tables.get("scenes"), list):
+            tables["scenes"] = [_scene_in(path.parent, name) for name in given]
+        campaign = Campaign.model_validate(tables, context=path.parent)
     except SceneError as error:
         raise CampaignError(str(path), error.problems) from None
     except ValidationError as error:
@@ -315,17 +299,3 @@ def load_campaign(path: str | Path | None = None, scenes: Sequence[str] = ()) ->
         raise CampaignError(", ".join(scenes) if of_scenes else str(path), problems) from None
     campaign._name = path.stem
     return campaign
-
-
-def _with_files(tables: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Tables with absolute paths of the files among the engines of variants, which are relative to a folder."""
-    if not isinstance(variants := tables.get("variants"), dict):
-        return tables
-
-    def placed(variant: Any) -> Any:
-        name = variant.get("engine") if isinstance(variant, dict) else None
-        if not isinstance(name, str) or not is_file(name):
-            return variant
-        return {**variant, "engine": absolute_name(str(folder / name))}
-
-    return {**tables, "variants": {label: placed(variant) for label, variant in variants.items()}}

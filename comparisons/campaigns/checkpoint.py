@@ -20,6 +20,7 @@ from pathlib import Path
 from stiction.comparisons.atomic_files import NotWritten
 from stiction.comparisons.campaigns.measurement import NOT_RUN
 from stiction.comparisons.digest import circumstances, digest
+from stiction.comparisons.timing.timed_runs import call_of
 from stiction.engines.isolation import Isolate, Outcome, Task, isolate
 from stiction.scenes import StictionError
 
@@ -53,14 +54,8 @@ class KeptRuns:
                 on_result: Callable[[Outcome], None] | None = None, made_by: Isolate = isolate) -> list[Outcome]:
         """Return the outcomes as `made_by` does, for tasks that are not kept yet; `on_result` gets the others first.
 
-        Raises
-        ------
-        NotWritten
-            If an outcome cannot be kept.
-        KeptRefused
-            If the file is damaged.
-        KeyboardInterrupt
-            If it comes before there is any outcome.
+        Raises `NotWritten` if an outcome cannot be kept, `KeptRefused` if the file is damaged, and a KeyboardInterrupt
+        that comes before there is any outcome.
         """
         keys = [self._key(task, timeout_s) for task in tasks]
         outcomes: dict[int, Outcome] = {}
@@ -80,8 +75,7 @@ class KeptRuns:
                 raise self.interrupt
 
         for i, key in enumerate(keys):
-            known = self._read(key)
-            if known is not None:
+            if (known := self._read(key)) is not None:
                 self.taken_over += 1
                 settle(i, known)
         self._making = True
@@ -103,10 +97,7 @@ class KeptRuns:
     def end(self, interrupt: KeyboardInterrupt) -> None:
         """Make no more runs, whatever is being done just now: for the handler of a signal.
 
-        Raises
-        ------
-        KeyboardInterrupt
-            `interrupt`: in the midst of runs, where `isolate` catches it, or if there is no outcome yet.
+        Raises it in the midst of runs, where `isolate` catches it, or if there is no outcome yet.
         """
         self.interrupt = interrupt
         if self._making or not self.settled:
@@ -114,8 +105,7 @@ class KeptRuns:
 
     def _key(self, task: Task, timeout_s: float) -> str:
         """Return the key of a task; the same task requested twice, as for two timings, has two."""
-        function = [task.function.__module__, task.function.__qualname__]
-        key = digest([self._circumstances, task.label, function, task.args, float(timeout_s)])
+        key = digest([self._circumstances, task.label, call_of(task), float(timeout_s)])
         self._seen[key] += 1
         return f"{key}-{self._seen[key]}"
 
@@ -143,19 +133,10 @@ def kept_file(folder: Path) -> Path:
 
 @contextmanager
 def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
-    """Open the kept runs of the campaign that is to write `folder`.
+    """Open the kept runs of the campaign of some engines that is to write `folder`.
 
-    `kept_file` stays if it has any, until they are `finished`.
-
-    Parameters
-    ----------
-    engines
-        Names or ``module:Class`` of those that take part.
-
-    Raises
-    ------
-    KeptRefused
-        If the file is something else, or another process writes to it.
+    `kept_file` stays if it has any, until they are `finished`. Raises `KeptRefused` if the file is something else, or
+    another process writes to it.
     """
     path = kept_file(folder)
     path.parent.mkdir(parents=True, exist_ok=True)

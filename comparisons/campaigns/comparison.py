@@ -10,15 +10,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-from stiction.comparisons.timing.rounds import Timing
-from stiction.comparisons.timing.timed_runs import call_of, computation, time_runs, timed, with_cost
+from stiction.comparisons.timing.timed_runs import call_of, time_runs, with_time
 from stiction.comparisons.variants import Record, Variant, has_static_coefficient, job, physics_of
 from stiction.engines import Engine, EngineMissing, Isolate, Outcome, Task, isolate, load_engine, simulation
-from stiction.engines.isolation import is_simulation
 from stiction.engines.reference.engine import compile_kernels
 from stiction.scenes import Scene
 
@@ -33,21 +31,12 @@ PREPARATION_LIMIT = 600.0
 
 @dataclass(frozen=True)
 class Comparison(Generic[T]):
-    """Runs, and what becomes of them.
+    """Runs, and what becomes of them: `tabulate` makes the yield from the outcomes of the tasks, in their order.
 
-    Attributes
-    ----------
-    tabulate : callable
-        Makes the yield of the comparison from the outcomes of its tasks, in their order.
-    variants : tuple of Variant
-        Their engines are prepared first.
-    rounds : int
-        Rounds in which its runs are timed, at least; 0: they are not. The tasks of a timed comparison are simulations,
-        and the values of their outcomes are `stiction.comparisons.timing.rounds.Timing`.
-    ladders : tuple of str
-        The refinement series of each task that is timed, in their order; steps come from coarse to fine.
-    budget_s : float
-        CPU seconds that the rounds of one series may take. Finer steps are not timed, and their `Timing` says so.
+    The engines of the variants are prepared first. Where there are `rounds`, the tasks are simulations, which are timed
+    in so many at least; the values of their outcomes are `stiction.comparisons.timing.rounds.Timing`. `ladders` names
+    the refinement series of each, with steps from coarse to fine. The rounds of one series may take `budget_s` CPU
+    seconds. Finer steps are not timed, and their `Timing` says so.
     """
 
     tasks: tuple[Task, ...]
@@ -105,17 +94,13 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
 
     Parameters
     ----------
-    workers
-        Runs at a time, the number of CPUs where None; those that are timed go one by one.
-    timeout_s
-        Seconds that one run may take.
+    workers, timeout_s
+        As of `stiction.engines.isolate`; those that are timed go one by one.
     on_start, on_result
         Called with the number of runs, those of the rounds that are sure to come included, and each outcome.
-    isolated
-        Makes the runs, `stiction.engines.isolate` where None: `checkpoint.KeptRuns.isolate` keeps each outcome,
-        `stiction.comparisons.campaigns.executors.open_isolate` has one that makes them on a cluster.
-    timed_by
-        Makes those that are timed again, on this machine; `isolated` where None.
+    isolated, timed_by
+        Make the runs, and those that are timed again, on this machine; `stiction.engines.isolate` where None.
+        `checkpoint.KeptRuns.isolate` keeps each outcome, `executors.open_isolate` has one for a cluster.
     """
     isolated = isolated or isolate
     prepare(variant.engine for comparison in comparisons for variant in comparison.variants)
@@ -125,42 +110,42 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
         on_start(len(tasks) + least * sum(len(comparison.tasks) for comparison in comparisons if comparison.rounds))
     found = iter(_outcomes(tasks, isolated, on_result, workers=workers, timeout_s=timeout_s))
     pairs = [[(task, next(found)) for task in comparison.tasks] for comparison in comparisons]
-    affordable = [pair for comparison, part in zip(comparisons, pairs) for pair in _affordable(comparison, part, least)]
+    affordable = [pair for comparison, part in zip(comparisons, pairs) if comparison.rounds
+                  for pair in _affordable(comparison, part, least)]
     times = time_runs(affordable, least, timed_by or isolated, timeout_s, on_result)
     return [comparison.tabulate([
-        timed(task, outcome, times, comparison.budget_s) if comparison.rounds else _with_its_time(task, outcome, times)
-        for task, outcome in part]) for comparison, part in zip(comparisons, pairs)]
+        with_time(task, outcome, times, comparison.budget_s if comparison.rounds else None) for task, outcome in part])
+        for comparison, part in zip(comparisons, pairs)]
 
 
 def _outcomes(tasks: Sequence[Task], isolated: Isolate, on_result: Callable[[Outcome], None] | None,
               **options: Any) -> list[Outcome]:
     """Return the outcome of each task. Equal tasks are made once, under whatever labels; CPU time counts once."""
-    first: dict[str, Task] = {}
     calls = [call_of(task) for task in tasks]
-    others: dict[str, list[str]] = defaultdict(list)
+    alike: dict[str, list[Task]] = defaultdict(list)
     for call, task in zip(calls, tasks):
-        if first.setdefault(call, task) is not task:
-            others[first[call].label].append(task.label)
+        alike[call].append(task)
+    others: dict[str, list[Task]] = defaultdict(list)
+    for first, *rest in alike.values():
+        others[first.label] += rest
 
     def report(outcome: Outcome) -> None:
         if on_result is not None:
             on_result(outcome)
-            for label in others.pop(outcome.label, ()):
-                on_result(replace(outcome, label=label, cpu_s=0.0))
+            for task in others.pop(outcome.label, ()):
+                on_result(replace(outcome, label=task.label, cpu_s=0.0))
 
-    found = isolated(list(first.values()), on_result=on_result and report, **options) if first else []
-    made = dict(zip(first, found, strict=True))
+    found = isolated([first for first, *_ in alike.values()], on_result=report, **options) if tasks else []
+    made = dict(zip(alike, found, strict=True))
     return [replace(made[call], label=task.label) for call, task in zip(calls, tasks)]
 
 
 def _affordable(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome]],
                 rounds: int) -> Iterator[tuple[Task, Outcome]]:
     """Yield the runs that are timed: of each series, from coarse to fine, all that its budget has; two at least."""
-    if not comparison.rounds:
-        return
     spent: dict[str, float] = defaultdict(float)
     steps: Counter[str] = Counter()
-    for (task, outcome), series in zip(pairs, comparison.ladders or map(str, range(len(pairs)))):
+    for (task, outcome), series in zip(pairs, comparison.ladders, strict=True):
         if outcome.status != "ok":
             continue
         cost = outcome.value.cost  # an engine need not state one
@@ -170,27 +155,19 @@ def _affordable(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome
             yield task, outcome
 
 
-def _with_its_time(task: Task, outcome: Outcome, times: Mapping[str, Timing]) -> Outcome:
-    """Return an outcome whose run, if it is a simulation, has the time that the same computation has elsewhere."""
-    if outcome.status != "ok" or not is_simulation(task):
-        return outcome
-    engine, scene, arguments = task.args
-    time = times.get(computation(engine, scene, arguments, outcome.value))
-    return replace(outcome, value=with_cost(outcome.value, time))
-
-
 def prepare(engines: Iterable[str]) -> None:
     """Have kernels compiled before any run has a time limit; other engines' in children, as all that is theirs."""
     compile_kernels()
-    names = []
-    for name in dict.fromkeys(name for name in engines if name != "reference"):
-        try:
-            if type(load_engine(name)).prepare is not Engine.prepare:
-                names.append(name)
-        except EngineMissing:
-            pass  # the rows of its runs say so
+    names = [name for name in dict.fromkeys(engines) if name != "reference" and _compiles(name)]
     if names:  # whatever fails here fails in the runs as well, whose rows say why
         isolate([Task(name, _prepare, (name,)) for name in names], timeout_s=PREPARATION_LIMIT)
+
+
+def _compiles(engine: str) -> bool:
+    try:
+        return type(load_engine(engine)).prepare is not Engine.prepare
+    except EngineMissing:  # the rows of its runs say so
+        return False
 
 
 def _prepare(engine: str) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import Executor, Future, as_completed
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
@@ -38,25 +38,13 @@ def check_executor(name: str) -> None:
 
 @contextmanager
 def open_isolate(name: str = "processes", workers: int | None = None) -> Iterator[Isolate]:
-    """Yield `stiction.engines.isolate`, or the same on a cluster.
+    """Yield `stiction.engines.isolate` for ``"processes"``, or the same on a cluster.
 
-    On a cluster the parameter ``workers`` of `isolate` has no effect, and tasks that have not begun when the block ends
-    are cancelled. The tasks of a worker that dies are made again on another; where Dask gives them up after several
-    workers, their outcomes are ``crashed``.
-
-    Parameters
-    ----------
-    name
-        ``"processes"``, ``"dask"`` (a cluster on this machine for the time of the block), ``"dask:ADDRESS"`` (of a
-        scheduler; stiction and its kernels must be installed on its workers).
-    workers
-        Processes of the cluster on this machine; the number of CPUs where None.
-
-    Raises
-    ------
-    InputError
-        See `check_executor`; or if no scheduler answers at the address, or a worker has other code or may start no
-        processes.
+    ``"dask"`` has so many workers on this machine for the time of the block, ``"dask:ADDRESS"`` is a scheduler on whose
+    workers stiction is installed. There the parameter ``workers`` of `isolate` has no effect, and
+    tasks that have not begun when the block ends are cancelled. The tasks of a worker that dies are made again on
+    another; where Dask gives them up after several workers, their outcomes are ``crashed``. Raises InputError if no
+    scheduler answers, or a worker has other code or may start no processes.
     """
     check_executor(name)
     if name == "processes":
@@ -75,28 +63,24 @@ def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | Non
                 on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
     from distributed.scheduler import KilledWorker
 
-    outcomes: dict[int, Outcome] = {}
     one_by_one = partial(isolate, workers=1, timeout_s=timeout_s)
-    batches = [range(first, min(first + BATCH, len(tasks))) for first in range(0, len(tasks), BATCH)]
-    waiting = {}
+    batches = [tasks[first:first + BATCH] for first in range(0, len(tasks), BATCH)]
+    waiting = {executor.submit(one_by_one, batch): batch for batch in batches}
+    found: dict[Future[list[Outcome]], list[Outcome]] = {}
     try:
-        for batch in batches:
-            waiting[executor.submit(one_by_one, [tasks[i] for i in batch])] = batch
         for future in as_completed(waiting):
-            batch = waiting[future]
             try:
-                found = future.result()
+                found[future] = future.result()
             except KilledWorker as error:
                 reason = " ".join(f"workers died: {error}".split())
-                found = [Outcome(tasks[i].label, "crashed", reason=reason) for i in batch]
-            outcomes |= zip(batch, found, strict=True)
+                found[future] = [Outcome(task.label, "crashed", reason=reason) for task in waiting[future]]
             if on_result is not None:
-                for outcome in found:
+                for outcome in found[future]:
                     on_result(outcome)
     finally:
         for future in waiting:
             future.cancel()
-    return [outcomes[i] for i in range(len(tasks))]
+    return [outcome for future in waiting for outcome in found[future]]
 
 
 @contextmanager

@@ -37,7 +37,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -84,12 +84,7 @@ class History:
     def begin(self, campaign: str, digest: str, origin: Mapping[str, Any]) -> str:
         """Return the night to go on with: the last one, if it was cut off with the same digest, else a new one.
 
-        Parameters
-        ----------
-        digest
-            Stands for all that the numbers depend on: a night whose digest differs is never added to.
-        origin
-            See `environment.origin`.
+        The digest stands for all that the numbers depend on; `origin` is that of `environment.origin`.
         """
         last = self._connection.execute(
             "SELECT night, digest, finished FROM nights ORDER BY night DESC LIMIT 1").fetchone()
@@ -103,13 +98,7 @@ class History:
         return night
 
     def append(self, night: str, row: Row) -> None:
-        """Add a run and its numbers, all or nothing.
-
-        Raises
-        ------
-        sqlite3.IntegrityError
-            If the night has this run already.
-        """
+        """Add a run and its numbers, all or nothing; `sqlite3.IntegrityError` if the night has the run already."""
         fields = [getattr(row, name) for name in _RUN.split(", ")]
         settings = None if row.settings is None else json.dumps(row.settings, default=str)
         with self._connection:
@@ -128,9 +117,9 @@ class History:
         return self._rows("night = ?", night)
 
     def first(self, identity: str, before: str) -> tuple[str, Row] | None:
-        """Return the first finished night before another one in which a run succeeded or was refused, and its row.
+        """Return the first finished night before another one in which a run of an identity succeeded or was refused.
 
-        The run is one of this identity, whatever its name.
+        With it comes the row of the run, whatever its name.
         """
         found = self._connection.execute(
             "SELECT night, key FROM runs JOIN nights USING (night) WHERE identity = ? AND night < ? "
@@ -167,28 +156,17 @@ class History:
 
 @contextmanager
 def open_history(path: Path, write: bool = True) -> Iterator[History]:
-    """Open the history in a file, made if it is not there.
-
-    Raises
-    ------
-    HistoryRefused
-        If the file is something else, or cannot be opened.
-    """
+    """Open the history in a file, made if it is not there; raises `HistoryRefused` if the file cannot be used."""
     if path.is_dir():
         raise HistoryRefused(f"{path}: found a folder; expected the file of a history, such as "
                              f"{path / 'history.sqlite'}")
+    address = f"{path.absolute().as_uri()}?mode={'rwc' if write else 'ro'}"
     try:
-        address = f"{path.absolute().as_uri()}?mode={'rwc' if write else 'ro'}"
-        connection = sqlite3.connect(address, uri=True, timeout=60.0)
-    except sqlite3.Error as error:
-        raise HistoryRefused(f"{path}: {error}") from error
-    try:
-        _prepare(path, connection, write)
-        yield History(connection)
+        with closing(sqlite3.connect(address, uri=True, timeout=60.0)) as connection:
+            _prepare(path, connection, write)
+            yield History(connection)
     except sqlite3.OperationalError as error:  # a full disk, above all: what is in there is still there
         raise HistoryRefused(f"{path}: {error}") from error
-    finally:
-        connection.close()
 
 
 def _prepare(path: Path, connection: sqlite3.Connection, write: bool) -> None:

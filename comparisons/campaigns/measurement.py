@@ -1,21 +1,18 @@
 """One run and every number that is kept of it: errors against the truth, path, events, drift, counters, time.
 
-The numbers are made in the child process that simulates, the truth included: no failure ends the campaign, and no
-trajectory has to travel.
-
-A run can be made again with changes of rounding only: masses and gravity are moved by some units in the last
-place, bodies stand in another order, samples are kept half as often. It then differs as the run on another processor,
-or with another library, does (`stiction.comparisons.campaigns.tolerances`).
+The numbers are made in the child process that simulates, the truth included. A run can be made again with changes of
+rounding only: masses and gravity are moved by some units in the last place, bodies stand in another order, samples are
+kept half as often. It then differs as on another processor or with another library (`tolerances`).
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -26,7 +23,7 @@ from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.timing.calibration import TIME, relative_time
 from stiction.comparisons.timing.rounds import bare_run
 from stiction.comparisons.truth import CLOSED_FORM, NO_TRUTH, Truth
-from stiction.comparisons.variants import Variant, job, physics_of, run_key
+from stiction.comparisons.variants import Variant, has_static_coefficient, job, physics_of, run_key
 from stiction.engines import Outcome, Task, load_engine
 from stiction.engines.reference.engine import compile_kernels
 from stiction.scenes import Scene, Trajectory, vary
@@ -38,7 +35,8 @@ TRUTH = "truth"
 """Kind of the numbers that say what is true, and engine and variant of their rows."""
 MOTION = "motion"
 """Kind of the path of a run with fixed steps."""
-KINDS = ("accuracy", MOTION, "event", "drift", "counter", "time")
+Kind = Literal["accuracy", "motion", "event", "drift", "counter", "time"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
 """Kinds of numbers that can be measured of a run."""
 RANDOM = "random"
 """Kind and variant of scenes drawn afresh every night (`stiction.comparisons.random_scenes.night_draws`), which have no
@@ -64,12 +62,11 @@ WAYS = (*(f"{MOVED} {seed}" for seed in (1, 2, 3)), ORDER, GRID)
 
 @dataclass(frozen=True)
 class Metric:
-    """A number: `name` with its unit, `kind` one of `KINDS`, `TRUTH` or `RANDOM`.
+    """A number: `name` with its unit, `kind` one of `KINDS`, `TRUTH` or `RANDOM`; None is what is not known.
 
-    `uncertainty` is in the unit of the value, None where none is known: of an error that of the truth, of a time the
-    distance of the second shortest repeat from the shortest. `tier` is that of the truth that an error was measured
-    against, ``our own run`` for counters and times. `rounding` is the largest change by rounding alone
-    (`tolerances.with_rounding`), None where that was not measured.
+    The uncertainty of an error is that of the truth, of a time the distance of the second shortest repeat. `tier` is
+    that of the truth behind an error, ``our own run`` for counters and times. `rounding` is the largest change by
+    rounding alone (`tolerances.with_rounding`).
     """
 
     name: str
@@ -84,8 +81,8 @@ class Metric:
 class Row:
     """A run, its status, and its numbers; of a truth, `variant` and `engine` are `TRUTH`, `parameter` is empty.
 
-    `key` is its name, unique in a campaign; `identity` is that of a `PlannedRun`. `traceback` is that of a bug, which
-    no history keeps. `other_ends` are the outcomes that the run has with other rounding, where that was measured.
+    `key` and `identity` are those of a `PlannedRun`. `traceback` is that of a bug, which no history keeps. `other_ends`
+    are the outcomes that the run has with other rounding, where that was measured.
     """
 
     key: str
@@ -141,8 +138,8 @@ class PlannedRun:
     def identity(self) -> str:
         """Content of the run, whatever its name: ``"pymunk, joint, dt = 0.01; scene 53f1d0c2a9e84b67"``.
 
-        Only runs of the same identity are compared. It has the content of the scene, the engine, the fidelity and all
-        settings. It does not have the version of the engine: whether a new one is worse is the question of a check.
+        Only runs of the same identity are compared. The version of the engine is no part of it: whether a new one is
+        worse is the question of a check.
         """
         variant, scene = self.variant, f"scene {scene_digest(self.scene)}"
         if variant is None:
@@ -193,29 +190,26 @@ def disturbed(scene: Scene, way: str) -> Scene:
 
 
 def _run_row(run: PlannedRun, variant: Variant, kinds: Collection[str], repeats: int) -> Row:
-    """Simulate and measure against the truth, in the child.
-
-    The time is that of the whole `Engine.run` as this process sees it, whatever the engine says of its own.
-    """
+    """Simulate and measure against the truth, in the child; the time is that of the whole `Engine.run`."""
     compile_kernels()
-    solver, fidelity = load_engine(variant.engine), variant.fidelity
-    has_static = solver.capabilities.static_coefficient.get(fidelity, False)
+    solver, has_static = load_engine(variant.engine), has_static_coefficient(variant)
     scene, given = (physics_of(each, has_static) for each in (run.scene, disturbed(run.scene, run.way)))
     output_step = OUTPUT_STEP * (2 if run.way == GRID else 1)
     arguments = job(run.scene, variant, run.step, output_step=output_step).arguments
     trajectory = solver.simulate(given, **arguments)
     status, reason = "ok", "" if trajectory.termination == "end" else trajectory.termination
-    metrics: list[Metric] = []
+    found, metrics = drift(trajectory), [Metric(PATH, MOTION, path_length(trajectory))]
+    metrics += [Metric(name, "drift", found[name], ROUNDING, CLOSED_FORM) for name in _DRIFT if name in found]
+    if (decay := decay_error(trajectory, scene)) is not None:
+        metrics.append(Metric(DECAY_ERROR, "drift", decay.value, decay.uncertainty, CLOSED_FORM))
+    metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
     if {"accuracy", "event"} & set(kinds):
         truth = ground_truth(scene)
         if truth.tier == NO_TRUTH:
             reason = reason or f"no truth to compare with: {truth.note}"
         found = errors(trajectory, truth, size_of(scene))
         status, reason = found.get("status", status), found.get("reason", reason)
-        metrics += _errors(found, truth)
-    metrics.append(Metric(PATH, MOTION, path_length(trajectory)))
-    metrics += _drifts(trajectory, scene)
-    metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
+        metrics = [*_errors(found, truth), *metrics]
     if "time" in kinds and status == "ok" and trajectory.termination == "end":
         metrics.append(Metric(TIME, "time", *relative_time(bare_run(solver, given, arguments), repeats)))
     return replace(run.row, version=trajectory.version, status=status, reason=reason, settings=trajectory.settings,
@@ -237,13 +231,6 @@ def path_length(trajectory: Trajectory) -> float:
     return float(sum(np.trapezoid(speed, trajectory.t) for speed in speeds))
 
 
-def _drifts(trajectory: Trajectory, scene: Scene) -> Iterator[Metric]:
-    found = drift(trajectory)
-    yield from (Metric(name, "drift", found[name], ROUNDING, CLOSED_FORM) for name in _DRIFT if name in found)
-    if (decay := decay_error(trajectory, scene)) is not None:
-        yield Metric(DECAY_ERROR, "drift", decay.value, decay.uncertainty, CLOSED_FORM)
-
-
 def _truth_row(run: PlannedRun) -> Row:
     """Find where the bodies are at the end, and the events on the way, in the child."""
     truth = ground_truth(run.scene)
@@ -251,9 +238,11 @@ def _truth_row(run: PlannedRun) -> Row:
     metrics = [Metric(f"{body}.{name} at the end [{unit}]", TRUTH, float(end[f"{body}.{name}"][0]),
                       truth.uncertainty.get(f"{body}.{name}"), truth.tier)
                for body in run.scene.bodies for name, unit in _STATE.items() if f"{body}.{name}" in end]
-    for (kind, joint), count in sorted(Counter((event.kind, event.joint) for event in truth.events).items()):
-        last = max(event.time for event in truth.events if (event.kind, event.joint) == (kind, joint))
-        metrics += [Metric(f"{joint}, {kind}: events [-]", TRUTH, count, 0.0, truth.tier),
-                    Metric(f"{joint}, {kind}: the last [s]", TRUTH, last, truth.uncertainty.get("event time"),
+    times: dict[tuple[str, str], list[float]] = defaultdict(list)
+    for event in truth.events:
+        times[event.kind, event.joint].append(event.time)
+    for (kind, joint), found in sorted(times.items()):
+        metrics += [Metric(f"{joint}, {kind}: events [-]", TRUTH, len(found), 0.0, truth.tier),
+                    Metric(f"{joint}, {kind}: the last [s]", TRUTH, max(found), truth.uncertainty.get("event time"),
                            truth.tier)]
     return replace(run.row, status="ok", reason=truth.note, metrics=tuple(metrics))

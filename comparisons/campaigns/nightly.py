@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from filelock import FileLock, Timeout
@@ -37,11 +38,10 @@ OnRow = Callable[[Row], None] | None
 
 @dataclass(frozen=True)
 class Result:
-    """Rows and findings of a night, or of a ``check``; both of all runs, worst findings first.
+    """Rows and findings of a night, or of a ``check``; worst findings first.
 
-    `compared` is the number of runs that were compared with something, `resumed` that of rows which an interrupted run
-    of the same night had made. `random` has sentences on the random scenes. `first_nights` has, by key of runs that the
-    baseline does not have, the first night that has them, with which they are compared.
+    `compared` runs were compared with something; an interrupted run of the same night had made `resumed` rows. `random`
+    has sentences on the random scenes, `first_nights` the nights with which runs without a baseline are compared.
     """
 
     name: str
@@ -65,19 +65,9 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
               isolated: Isolate = isolate, on_start: OnStart = None, on_result: OnRow = None) -> Result:
     """Run the rest of the last night, if it was cut off, or a new one; each run is in the history as soon as it ended.
 
-    Parameters
-    ----------
-    folder
-        Holds the history; made if it is not there.
-    publish
-        Called with the result before the night counts as finished: if it is cut off in there, the next call resumes.
-    isolated
-        Makes the runs; on a cluster, none may be timed.
-
-    Raises
-    ------
-    HistoryRefused
-        If the history cannot be used, or another night is being written to it.
+    The history is in `folder`. `publish` is called with the result before the night counts as finished: if it is cut
+    off in there, the next call resumes. On a cluster (`isolated`) no run may be timed. Raises `HistoryRefused` if the
+    history cannot be used, or another night is being written to it.
     """
     started = time.monotonic()
     make_folder(folder)
@@ -98,8 +88,7 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
 
         draws = draws_of_night(night, {"slider-bars": campaign.random, "mechanisms": campaign.random_mechanisms})
         planned: list[PlannedRun | Draw] = [*campaign.runs, *draws]
-        left = [run for run in planned if run.key not in done]
-        _measure(left, campaign, campaign.measure, isolated, on_start, keep)
+        _measure([run for run in planned if run.key not in done], campaign, isolated, on_start, keep)
         rows, past = history.rows(night), history.times(here["conditions"], night)
         times = {}
         for row in rows:
@@ -107,9 +96,8 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
             if len(sessions) >= SESSIONS and _times(row):
                 times[row.key] = Times(sessions[-SESSIONS:], sessions[:-SESSIONS])
         known, first_nights = _with_first_nights(baseline, rows, history, night)
-        found, count = findings(rows, known, campaign.measure, times, here["conditions"]), compared(rows, known)
-        result = Result(night, campaign, tuple(rows), tuple(found), verdict(found, count), here, count,
-                        time.monotonic() - started, len(done), sentences_on_draws(rows), first_nights)
+        result = replace(_judged(night, campaign, rows, known, times, here, started), resumed=len(done),
+                         random=sentences_on_draws(rows), first_nights=first_nights)
         publish(result)
         history.finish(night, result.verdict)
     return result
@@ -119,30 +107,27 @@ def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = Non
               whole: bool = False, on_start: OnStart = None, on_result: OnRow = None) -> Result:
     """Run the part of a campaign for checks, or the `whole`.
 
-    Parameters
-    ----------
-    history
-        File with nights, for times; the baseline's where None.
-    control
-        Checkout of the code before, to be timed against in turns; without it, times lead to no verdict.
-
-    Raises
-    ------
-    ControlRefused
-        See `older_code.times_in_turns`.
+    Times are compared with those of a file with nights, the `history`, else with the baseline's. They lead to a verdict
+    only against the code before: `control`, its checkout (`older_code.times_in_turns`).
     """
     started, here, runs = time.monotonic(), origin(), campaign.runs if whole else campaign.check_runs
     past: Mapping[tuple[str, str], Sequence[float]] = {}
     if history is not None:
         with open_history(history, write=False) as nights:
             past = nights.times(here["conditions"])
-    rows = _measure(runs, campaign, campaign.measure, isolate, on_start, on_result)
+    rows = _measure(runs, campaign, isolate, on_start, on_result)
     times = {row.key: Times(_times(row), past.get((row.identity, row.engine), ())) for row in rows if _times(row)}
     timed = [run for run in runs if run.key in times]
     turns = {} if control is None else times_in_turns(timed, control, campaign.budget.run)
+    return _judged("check", campaign, rows, baseline, times, here, started, turns)
+
+
+def _judged(name: str, campaign: Campaign, rows: Sequence[Row], baseline: Baseline, times: Mapping[str, Times],
+            here: Mapping[str, Any], started: float,
+            turns: Mapping[str, Mapping[str, float] | str] = MappingProxyType({})) -> Result:
     found = findings(rows, baseline, campaign.measure, times, here["conditions"], turns)
     count = compared(rows, baseline)
-    return Result("check", campaign, tuple(rows), tuple(found), verdict(found, count), here, count,
+    return Result(name, campaign, tuple(rows), tuple(found), verdict(found, count), here, count,
                   time.monotonic() - started)
 
 
@@ -155,13 +140,13 @@ def measured_rounding(campaign: Campaign, rows: Sequence[Row], on_start: OnStart
     known = {row.key for row in rows if row.metrics}
     runs = [run for run in campaign.runs if run.variant is not None and run.key in known]
     again = [replace(run, way=way) for run in runs for way in WAYS]
-    untimed = campaign.model_copy(update={"workers": os.cpu_count() or 1})  # runs may disturb each other
-    kinds = [kind for kind in campaign.measure if kind != "time"]
+    untimed = campaign.model_copy(update={  # so that runs may disturb each other
+        "workers": os.cpu_count() or 1, "measure": tuple(kind for kind in campaign.measure if kind != "time")})
     found: dict[str, list[Row]] = defaultdict(list)
-    for run, row in zip(again, _measure(again, untimed, kinds, isolate, on_start, on_result), strict=True):
+    for run, row in zip(again, _measure(again, untimed, isolate, on_start, on_result), strict=True):
         if row.status not in (NOT_RUN, "timed out", "crashed"):  # these are of a busy machine, and no rounding
             found[replace(run, way="").key].append(row)
-    return with_rounding(rows, found)
+    return [with_rounding(row, found[row.key]) for row in rows]
 
 
 def _with_first_nights(baseline: Baseline, rows: Sequence[Row], history: History,
@@ -179,8 +164,8 @@ def _with_first_nights(baseline: Baseline, rows: Sequence[Row], history: History
     return baseline.model_copy(update={"runs": runs}), nights
 
 
-def _measure(runs: Sequence[PlannedRun | Draw], campaign: Campaign, kinds: Sequence[str], isolated: Isolate,
-             on_start: OnStart, on_row: OnRow) -> list[Row]:
+def _measure(runs: Sequence[PlannedRun | Draw], campaign: Campaign, isolated: Isolate, on_start: OnStart,
+             on_row: OnRow) -> list[Row]:
     """Return the rows of the runs; a run that there is no time left for has a row as well."""
     prepare(variant.engine for variant in campaign.variants)
     calibration_kernel()
@@ -198,7 +183,7 @@ def _measure(runs: Sequence[PlannedRun | Draw], campaign: Campaign, kinds: Seque
             raise _Spent
 
     try:
-        tasks = [run.task(kinds, campaign.repeats) for run in runs]
+        tasks = [run.task(campaign.measure, campaign.repeats) for run in runs]
         isolated(tasks, workers=campaign.workers, timeout_s=budget.run, on_result=keep)
     except _Spent:
         for key in [key for key in by_key if key not in rows]:

@@ -1,15 +1,9 @@
 """Changes beyond noise: of runs against the baseline, of times against the history.
 
-A run is compared with that of the same identity in the baseline; one that it does not have is new.
-
-Every kind of number has its own rule, and knows how far rounding alone moves it (`tolerances`). Status and events are
-compared exactly. So are counters that rounding leaves alone; others may differ by `FURTHER` times as much as it moves
-them. Truths may differ by their uncertainties. Errors and drift have hard bounds. A number that rounding moves beyond
-its bound leads to no verdict. In the first night of a campaign without a baseline rounding was not measured: errors,
-drift and counters are judged under the same `environment.conditions` only. So no verdict depends on the make of the
-processor.
-
-A number that only one of two truths has, such as a kind of events, is compared only if both are of the same tier.
+A run is compared with that of the same identity in the baseline; one that it does not have is new. Every kind of number
+has its own rule, and knows how far rounding alone moves it (`tolerances`). Where that was not measured, errors, drift
+and counters are judged under the same `environment.conditions` only: no verdict depends on the make of the processor. A
+number that only one of two truths has, such as a kind of events, is compared within a tier only.
 
 Times lead to a verdict only against the code before, timed in turns with it (`stiction.comparisons.timing.older_code`).
 The median over the runs of an engine decides, see `BOUND_TURNS`. Against a baseline or the history they are reported
@@ -26,7 +20,7 @@ from types import MappingProxyType
 
 from stiction.comparisons.campaigns.baseline import Baseline, Expected, moved_truths
 from stiction.comparisons.campaigns.measurement import MOTION, RANDOM, TRUTH, Metric, Row
-from stiction.comparisons.campaigns.tolerances import FURTHER, MARGIN, PATH_MOVED, bound, margin_of, not_judged
+from stiction.comparisons.campaigns.tolerances import FURTHER, MARGIN, PATH_MOVED, bound, not_judged, tolerance
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.timing.older_code import TOTAL
@@ -94,16 +88,8 @@ def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], ti
              conditions: str, turns: Mapping[str, Mapping[str, float] | str] = MappingProxyType({})) -> list[Finding]:
     """Return all that is not as the baseline has it, worst first. Rows that only the baseline has are not missed.
 
-    Parameters
-    ----------
-    kinds
-        Kinds of numbers that were measured.
-    times
-        Those that are reported, by key of the run.
-    conditions
-        Under which the rows were made, see `environment.conditions`.
-    turns
-        The yield of `older_code.times_in_turns`.
+    The rows have numbers of these `kinds`, made under these `environment.conditions`. `times` are those that are
+    reported, by key of the run; `turns` the yield of `older_code.times_in_turns`.
     """
     drawn, compared = ([row for row in rows if (row.variant == RANDOM) == random] for random in (True, False))
     found = [Finding(REGRESSION if row.status == WRONG else COULD_NOT_RUN, RANDOM, row.key, "", None, row.status,
@@ -113,8 +99,11 @@ def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], ti
         if finding := _of_status(row, expected, baseline):
             found.append(finding)
         elif expected is not None:
-            found += _of_truths(row, expected)
-            found += _of_numbers(row, expected, kinds, times.get(row.key), expected.conditions == conditions)
+            tiers = {metric.tier for metric in row.metrics if metric.kind == TRUTH}
+            found += [Finding(NOT_JUDGED if now is None and tiers and fixed.tier not in tiers else REGRESSION, TRUTH,
+                              row.key, fixed.name, fixed.value, None if now is None else now.value, math.inf, why)
+                      for fixed, now, why in moved_truths(row, expected)]
+            found += _compared(row, expected, kinds, times.get(row.key), expected.conditions == conditions)
     found += _of_turns(compared, turns)
     return sorted(found, key=lambda f: (SEVERITIES.index(f.severity), _RANKS.index(f.kind), -f.ratio, f.key, f.metric))
 
@@ -155,15 +144,7 @@ def _of_status(row: Row, expected: Expected | None, baseline: Baseline) -> Findi
     return Finding(severity, "status", row.key, "", before, now, math.inf, words)
 
 
-def _of_truths(row: Row, expected: Expected) -> Iterator[Finding]:
-    tiers = {metric.tier for metric in row.metrics if metric.kind == TRUTH}
-    for fixed, new, why in moved_truths(row, expected):
-        severity = NOT_JUDGED if new is None and tiers and fixed.tier not in tiers else REGRESSION
-        found = None if new is None else new.value
-        yield Finding(severity, TRUTH, row.key, fixed.name, fixed.value, found, math.inf, why)
-
-
-def _of_numbers(row: Row, expected: Expected, kinds: Collection[str], times: Times | None,
+def _compared(row: Row, expected: Expected, kinds: Collection[str], times: Times | None,
                 alike: bool) -> Iterator[Finding]:
     """Compare the numbers of a row with those expected, made under the same conditions where `alike`."""
     measured, known = {metric.name: metric for metric in row.metrics}, expected.metrics
@@ -178,8 +159,9 @@ def _of_numbers(row: Row, expected: Expected, kinds: Collection[str], times: Tim
         why = not_judged(old, row.parameter)
         if not alike and old.rounding is None and old.kind in FURTHER:
             why = "not judged: made under other conditions, and how far rounding moves it was not measured"
+        rule = _of_error if old.kind in ("accuracy", "drift") else _of_number
         found = (times and _of_time(row.key, old, times, alike) if old.kind == "time"
-                 else _RULES[old.kind](row, old, measured[name]))
+                 else rule(row, old, measured[name]))
         if found:
             found = replace(found, reason=found.reason + _other_version(row, expected))
             yield replace(found, severity=NOT_JUDGED, reason=f"{why}; {found.reason}") if why else found
@@ -187,15 +169,14 @@ def _of_numbers(row: Row, expected: Expected, kinds: Collection[str], times: Tim
 
 def _gone(row: Row, old: Metric) -> Finding:
     """Return the finding of a number that the baseline has and the row has not."""
-    tiers = {metric.tier for metric in row.metrics if metric.kind in ("accuracy", "event")}
-    severity = NOT_JUDGED
-    if old.kind in ("accuracy", "event") and tiers and old.tier not in tiers:
-        words = (f"not judged: the baseline's truth ({old.tier}) has it, that of now ({', '.join(sorted(tiers))}) "
-                 "has not")
+    kinds = ("accuracy", "event")
+    tiers = sorted({metric.tier for metric in row.metrics if metric.kind in kinds} if old.kind in kinds else ())
+    severity, words = REGRESSION, "the baseline has it, this run has nothing"
+    if tiers and old.tier not in tiers:
+        severity = NOT_JUDGED
+        words = f"not judged: the baseline's truth ({old.tier}) has it, that of now ({', '.join(tiers)}) has not"
     elif old.rounding == math.inf:
-        words = "not judged: with other rounding it is not there"
-    else:
-        severity, words = REGRESSION, "the baseline has it, this run has nothing"
+        severity, words = NOT_JUDGED, "not judged: with other rounding it is not there"
     return Finding(severity, old.kind, row.key, old.name, old.value, None, math.inf, words)
 
 
@@ -204,50 +185,36 @@ def _other_version(row: Row, expected: Expected) -> str:
     return f" ({row.engine} {row.version}; the baseline's is of {expected.version})" if known else ""
 
 
-def _of_count(row: Row, old: Metric, new: Metric) -> Finding | None:
-    allowed = FURTHER[old.kind] * (old.rounding or 0.0) if old.kind == "counter" else 0.0
-    if abs(new.value - old.value) <= allowed:
+def _of_number(row: Row, old: Metric, new: Metric) -> Finding | None:
+    """Compare a number that may change by its `tolerance`."""
+    allowed, moved = tolerance(old, _uncertainty(old, new)), new.value - old.value
+    if abs(moved) <= allowed or old.kind == TRUTH and old.tier != OWN_RUN:
         return None
-    worse = new.value < old.value if old.name in _MORE_IS_BETTER else new.value > old.value
-    words = f"rounding moves it by {old.rounding:g}, allowed {allowed:g}" if allowed else "counted exactly"
-    words += f", against the truth ({new.tier})" if old.kind == "event" else ""
-    return _changed(REGRESSION if worse else BETTER, row, old, new,
-                    f"{'more' if new.value > old.value else 'fewer'}; {words}")
-
-
-def _of_path(row: Row, old: Metric, new: Metric) -> Finding | None:
-    if abs(new.value - old.value) <= PATH_MOVED * old.value:
-        return None
-    return _changed(REGRESSION, row, old, new, f"by {abs(new.value / old.value - 1):.2g} of itself; allowed "
-                                               f"{PATH_MOVED:g}: fixed steps stay where they are")
-
-
-def _of_own_truth(row: Row, old: Metric, new: Metric) -> Finding | None:
-    allowed, moved = MARGIN[OWN_RUN] * _uncertainty(old, new), abs(new.value - old.value)
-    if old.tier != OWN_RUN or moved <= allowed:
-        return None
-    words = f"the run that stands in for a truth has moved by {moved:.2g}; allowed {allowed:.2g}"
-    return replace(_changed(REGRESSION, row, old, new, words), ratio=math.inf)
+    severity, ratio = REGRESSION, _ratio(old.value, new.value)
+    if old.kind == MOTION:
+        words = (f"by {abs(new.value / old.value - 1):.2g} of itself; allowed {PATH_MOVED:g}: fixed steps stay where "
+                 "they are")
+    elif old.kind == TRUTH:
+        ratio = math.inf
+        words = f"the run that stands in for a truth has moved by {abs(moved):.2g}; allowed {allowed:.2g}"
+    else:
+        if (moved > 0) == (old.name in _MORE_IS_BETTER):
+            severity = BETTER
+        words = f"rounding moves it by {old.rounding:g}, allowed {allowed:g}" if allowed else "counted exactly"
+        words += f", against the truth ({new.tier})" if old.kind == "event" else ""
+        words = f"{'more' if moved > 0 else 'fewer'}; {words}"
+    return Finding(severity, old.kind, row.key, old.name, old.value, new.value, ratio, words)
 
 
 def _of_error(row: Row, old: Metric, new: Metric) -> Finding | None:
-    margin, ratio = margin_of(new.tier, _uncertainty(old, new)), _ratio(old.value, new.value)
-    most = bound(old.value, row.parameter, margin)
-    if new.value > most:
-        words = f"{ratio:.3g} times the baseline's, against the truth ({new.tier}); allowed up to {most:.2g}"
-        return _changed(REGRESSION, row, old, new, words)
-    if old.value > bound(new.value, row.parameter, margin):
-        return _changed(BETTER, row, old, new, f"the baseline's is {ratio:.3g} times this one")
-    return None
-
-
-_RULES = {"event": _of_count, "counter": _of_count, MOTION: _of_path, TRUTH: _of_own_truth, "accuracy": _of_error,
-          "drift": _of_error}
-"""Finding of a number that both the row and the baseline have, by kind; those of times are `_of_time`."""
-
-
-def _changed(severity: str, row: Row, old: Metric, new: Metric, words: str) -> Finding:
-    ratio = _ratio(old.value, new.value)
+    """Compare an error or a drift, which has a hard `bound`."""
+    margin, ratio = MARGIN[new.tier] * _uncertainty(old, new), _ratio(old.value, new.value)
+    most, severity = bound(old.value, row.parameter, margin), REGRESSION
+    words = f"{ratio:.3g} times the baseline's, against the truth ({new.tier}); allowed up to {most:.2g}"
+    if new.value <= most:
+        severity, words = BETTER, f"the baseline's is {ratio:.3g} times this one"
+        if old.value <= bound(new.value, row.parameter, margin):
+            return None
     return Finding(severity, old.kind, row.key, old.name, old.value, new.value, ratio, words)
 
 
@@ -277,12 +244,11 @@ def _of_turns(rows: Sequence[Row], turns: Mapping[str, Mapping[str, float] | str
     """Compare the times of each engine with those of the code before, by the median of its runs."""
     measured: dict[tuple[str, str], list[float]] = {}
     for row in rows:
-        of_row = turns.get(row.key, {})
-        if isinstance(of_row, str):
+        if isinstance(of_row := turns.get(row.key, {}), str):
             yield Finding(NOT_JUDGED, "time", row.key, IN_TURNS.format(TOTAL), None, None, math.inf, of_row)
-        else:
-            for what, ratio in of_row.items():
-                measured.setdefault((row.engine, what), []).append(ratio)
+            continue
+        for what, ratio in of_row.items():
+            measured.setdefault((row.engine, what), []).append(ratio)
     for (engine, what), ratios in measured.items():
         now, enough = median(ratios), len(ratios) >= FEWEST
         if 1 / BOUND_TURNS <= now <= BOUND_TURNS and enough:

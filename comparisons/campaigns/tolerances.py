@@ -7,10 +7,10 @@ way a mechanism goes on.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-from stiction.comparisons.campaigns.measurement import MOTION, WAYS, Metric, Row
+from stiction.comparisons.campaigns.measurement import MOTION, TRUTH, WAYS, Metric, Row
 from stiction.comparisons.measures.scene_truth import OWN_RUN
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
 
@@ -39,9 +39,10 @@ def bound(error: float, parameter: str, margin: float) -> float:
     return max(FACTOR.get(parameter, FACTOR["dt"]) * error, error + margin)
 
 
-def margin_of(tier: str, uncertainty: float) -> float:
-    """Return the largest difference of errors against truths that have, together, this uncertainty."""
-    return MARGIN[tier] * uncertainty
+def tolerance(old: Metric, uncertainty: float) -> float:
+    """Return the largest change of a number other than an error, whose truths are as uncertain as this together."""
+    return {"event": 0.0, "counter": FURTHER["counter"] * (old.rounding or 0.0), MOTION: PATH_MOVED * old.value,
+            TRUTH: MARGIN[OWN_RUN] * uncertainty}[old.kind]
 
 
 def not_judged(metric: Metric, parameter: str) -> str:
@@ -52,26 +53,20 @@ def not_judged(metric: Metric, parameter: str) -> str:
     moved = metric.rounding
     if moved is None or metric.kind == "counter":
         return ""
-    if metric.kind == "event":
-        tolerated = 0.0
-    elif metric.kind == MOTION:
-        tolerated = PATH_MOVED * metric.value
-    else:
-        margin = margin_of(metric.tier, 2 * (metric.uncertainty or 0.0))
-        tolerated = bound(metric.value, parameter, margin) - metric.value
+    uncertainty = 2 * (metric.uncertainty or 0.0)
+    tolerated = (tolerance(metric, uncertainty) if metric.kind in ("event", MOTION)
+                 else bound(metric.value, parameter, MARGIN[metric.tier] * uncertainty) - metric.value)
     return f"not judged: rounding moves it by {moved:.3g}" if FURTHER.get(metric.kind, 1.0) * moved > tolerated else ""
 
 
-def with_rounding(rows: Iterable[Row], again: Mapping[str, Sequence[Row]]) -> list[Row]:
-    """Return the rows, each number with its largest change in the same run made again, which `again` has by key.
+def with_rounding(row: Row, again: Sequence[Row]) -> Row:
+    """Return a row, each number with its largest change in the same run, made `again` in all `WAYS`.
 
-    It is infinite where one of these does not have the number. A run that was not made again in all `WAYS` stays as it
-    is. Of the last one, `GRID`, a part counts: a grid is no chance, and moves a number as far every time.
+    It is infinite where one of these does not have the number. Of the last one, `GRID`, a part counts: a grid is no
+    chance, and moves a number as far every time. A run that was not made in all ways stays as it is.
     """
-    return [_with_rounding(row, again[row.key]) if len(again.get(row.key, ())) == len(WAYS) else row for row in rows]
-
-
-def _with_rounding(row: Row, again: Sequence[Row]) -> Row:
+    if len(again) < len(WAYS):
+        return row
     values = [{metric.name: metric.value for metric in other.metrics} for other in again]
 
     def moved(metric: Metric) -> float:

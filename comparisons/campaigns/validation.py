@@ -25,18 +25,11 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
              on_result: Callable[[Outcome], None] | None = None, on_share: Callable[[float], None] | None = None,
              on_study: Callable[[Study, Results], None] | None = None,
              isolated: Isolate | None = None, timed_by: Isolate | None = None) -> Results:
-    """Make the runs of all studies, and their tables.
+    """Make the runs of all studies, and their tables; options of `stiction.comparisons.campaigns.comparison.make`.
 
-    Parameters
-    ----------
-    engines
-        External engines to take part; all known ones where None. The reference always does.
-    workers, on_result, isolated, timed_by
-        See `stiction.comparisons.campaigns.comparison.make`.
-    on_share
-        Called again and again with the part of the work that is done, 0 to 1.
-    on_study
-        Called with each study as soon as its runs are there, and the results so far.
+    The reference and the external engines named take part, all known ones where None. `on_share` is called again and
+    again with the part of the work that is done, 0 to 1; `on_study` with each study as soon as its runs are there, and
+    the results so far.
     """
     started, cpu_started, load_before = time.perf_counter(), time.process_time(), load()
     limits = extent(depth)

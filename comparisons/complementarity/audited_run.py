@@ -28,10 +28,7 @@ RTOL = 1e-9
 def write_problems_of_run(scene: Scene, path: str | Path) -> int:
     """Simulate a scene with the reference and write the problems of the run; returns their number.
 
-    Raises
-    ------
-    InputError
-        If there are none, as of a scene without friction, or the start is inconsistent.
+    Raises InputError if there are none, as of a scene without friction, or the start is inconsistent.
     """
     load_engine("reference").prepare_run(scene)
     found = [problem for part in independent_parts(scene) for problem in _of_part(part)]

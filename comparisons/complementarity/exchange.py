@@ -31,13 +31,7 @@ _DIGITS = 17
 
 
 def write_folder(problems: Iterable[Problem], folder: str | Path) -> int:
-    """Write problems to a new or empty folder; returns how many.
-
-    Raises
-    ------
-    InputError
-        If the folder has something in it.
-    """
+    """Write problems to a new or empty folder, InputError for another; returns how many."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
@@ -57,13 +51,7 @@ def write_folder(problems: Iterable[Problem], folder: str | Path) -> int:
 
 
 def read_folder(folder: str | Path) -> Iterator[Problem]:
-    """Read the problems that `write_folder` has written.
-
-    Raises
-    ------
-    InputError
-        If a file is missing or is something else.
-    """
+    """Read the problems that `write_folder` has written; InputError if a file is missing or is something else."""
     folder = Path(folder)
     try:
         index = json.loads((folder / INDEX).read_text(encoding="utf-8"))

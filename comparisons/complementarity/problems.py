@@ -4,16 +4,7 @@ A set is one Parquet file, a row a problem of the form of eqs. (34)-(38)
 
     A0 y = A1 x + b,   y >= 0,  x >= 0,  y^T x = 0 .
 
-=============  =========================================================================================
-``class``      why it is hard
-``scene``      where it was met, and ``t``, when (s)
-``n``          number of pairs
-``A0, A1``     lists of n * n numbers, row by row; ``b`` n numbers
-``y, x``       a solution, n numbers each; empty where there is none
-``outcome``    "solved"; "no solution": the reference found none in any contact mode, redundant forces (A0 singular)
-               shared in one way; in the set of the suite none exists
-``lcp``        whether A0 is regular, so that the problem is the LCP  y = (A0^-1 A1) x + A0^-1 b
-=============  =========================================================================================
+Its columns are those of `stiction.comparisons.complementarity.exchange.FIELDS`, matrices row by row, and ``n``.
 """
 
 from __future__ import annotations
@@ -21,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import resources
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +21,7 @@ import numpy as np
 from stiction.comparisons.atomic_files import whole_file
 from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.trajectory import rows_of
 
 if TYPE_CHECKING:
     from stiction.reference_impl.integration.result import Run
@@ -63,8 +56,8 @@ class Problem:
 def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, rest_speed: float) -> Problem | None:
     """The HLCP at a state (q, v of shape (3 * bodies,)) with its solution by the reference.
 
-    None where the scene has no friction, or where it is not known whether there is a solution. The least-squares answer
-    of redundant constraints that contradict each other is none.
+    None without friction, or where it is not known whether there is a solution. The least-squares answer of redundant
+    constraints that contradict each other is none.
     """
     from stiction.reference_impl.friction import hlcp
     from stiction.reference_impl.friction.outcomes import NONE
@@ -107,16 +100,13 @@ def _states(scene: Scene, run: Trajectory | Run, everywhere: bool) -> Iterator[t
     if not len(run.t):
         yield 0.0, *Mechanism(scene, "none").initial_state()
         return
-    names = [[f"{body}.{label}" for body in scene.bodies for label in labels]
-             for labels in BODY_COLUMNS[:2]]
-    chosen = range(len(run.t)) if everywhere else (0, -1)
-    rows: list[tuple[float, Mapping[str, float]]] = [
-        (run.t[i], {name: values[i] for name, values in run.columns.items()}) for i in chosen]
-    for event in run.events if everywhere else run.events[:PER_RUN - 2]:
-        for side in (event.before, event.after) if everywhere else (event.before,):
-            if side.keys() >= {*names[0], *names[1]}:  # not those of a part of the scene
-                rows.append((event.time, side))
-    for t, columns in sorted(rows, key=lambda row: row[0]):
+    names = [[f"{body}.{label}" for body in scene.bodies for label in labels] for labels in BODY_COLUMNS[:2]]
+    samples: list[tuple[float, Mapping[str, float]]] = list(zip(run.t, rows_of(run.columns)))
+    events = run.events if everywhere else run.events[:PER_RUN - 2]
+    sides = [(event.time, side) for event in events
+             for side in ((event.before, event.after) if everywhere else (event.before,))
+             if side.keys() >= {*names[0], *names[1]}]  # not those of a part of the scene
+    for t, columns in sorted([*(samples if everywhere else [samples[0], samples[-1]]), *sides], key=itemgetter(0)):
         q, v = (np.array([columns[name] for name in part]) for part in names)
         yield t, q, v
 
@@ -136,10 +126,7 @@ def write_problems(problems: Iterable[Problem], path: str | Path) -> int:
 def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
     """Read a set: a file, a folder of `stiction.comparisons.complementarity.exchange`, or where None that of the suite.
 
-    Raises
-    ------
-    InputError
-        If the file is not such a set.
+    Raises InputError if it is no such set.
     """
     import pandas as pd
     import pyarrow as pa

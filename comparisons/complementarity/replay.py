@@ -40,24 +40,18 @@ def lemke(M: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def load_solver(address: str) -> Solver:
-    """Import the function at ``"module:function"``.
-
-    Raises
-    ------
-    InputError
-        If there is none, or it takes neither two nor three arguments.
-    """
+    """Import the function at ``"module:function"``; InputError if there is none, or it takes other arguments."""
     try:
         function = resolve_name(address)
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(f"solver: found {address!r} ({error}); expected module:function") from error
     if not callable(function):
         raise InputError(f"solver: found {address!r}; expected module:function")
-    arity(function)
+    _arity(function)
     return function
 
 
-def arity(solver: Solver) -> int:
+def _arity(solver: Solver) -> int:
     """2 for a solver of LCPs, 3 for one of HLCPs."""
     required = [p for p in inspect.signature(solver).parameters.values()
                 if p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
@@ -80,7 +74,7 @@ class Answer:
 def answer(solver: Solver, problem: Problem) -> Answer:
     """Judge a solver by one problem; nothing that the solver raises ends a replay."""
     arguments: tuple[np.ndarray, ...] = (problem.A0, problem.A1, problem.b)
-    if arity(solver) == 2:
+    if _arity(solver) == 2:
         if not problem.lcp:
             return Answer(problem.kind, "not an LCP")
         right = np.linalg.solve(problem.A0, np.column_stack([problem.A1, problem.b]))
@@ -111,20 +105,10 @@ def _answers(address: str, path: str | None, kind: str) -> list[Answer]:
 def replay(solver: str = LEMKE, problems: str | Path | None = None, *, timeout_s: float = 60.0,
            workers: int | None = None, on_start: Callable[[int], None] | None = None,
            on_result: Callable[[Outcome], None] | None = None) -> pd.DataFrame:
-    """Run a solver over a set, each class in a child process.
+    """Run a solver, ``"module:function"``, over a set (`read_problems`), each class in a child process.
 
-    Parameters
-    ----------
-    solver : str
-        ``"module:function"``.
-    problems
-        A file; the set that comes with the suite where None.
-
-    Returns
-    -------
-    DataFrame
-        One row per class: problems, numbers by outcome, largest residual of those solved, median time, reason of a
-        failure.
+    The table has one row per class: problems, numbers by outcome, largest residual of those solved, median time, reason
+    of a failure.
     """
     path = None if problems is None else str(problems)
     load_solver(solver)

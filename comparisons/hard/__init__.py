@@ -7,6 +7,6 @@
 """
 
 from stiction.comparisons.hard.case import hard_cases
-from stiction.comparisons.hard.table import HardComparison, hard_comparison
+from stiction.comparisons.hard.table import hard_comparison
 
-__all__ = ["HardComparison", "hard_cases", "hard_comparison"]
+__all__ = ["hard_cases", "hard_comparison"]

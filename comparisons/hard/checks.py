@@ -16,7 +16,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from stiction.comparisons import truth as truths
 from stiction.comparisons.hard.case import HardCase
 from stiction.comparisons.hard.closed_forms import rod_normal_force, value
 from stiction.comparisons.measures.distances import match_events
-from stiction.comparisons.random_scenes.one_freedom import Instant, simulate
+from stiction.comparisons.random_scenes.one_freedom import Instant, Motion, simulate
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import steady_state
@@ -32,7 +32,6 @@ from stiction.scenes import Event, Scene, Trajectory
 
 Scenes = Sequence[Scene]
 Runs = Sequence[Trajectory]
-Known = TypeVar("Known")
 FIRST_STEPS = 10
 """Steps in which contacts build up their forces; as many steps' error of a method of first order is right."""
 STATE = ("x", "y", "angle", "vx", "vy", "omega")
@@ -63,8 +62,7 @@ def follows(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Compare columns of the first run with formulas, forces of contacts once they are `carried`."""
     [run, *_], found = runs, {}
     for name, formula in case.follows.items():
-        expected = value(formula, scenes[0], run.t, case.let)
-        seen = carried(run, name)
+        expected, seen = value(formula, scenes[0], run.t, case.let), carried(run, name)
         found[name] = gap(run[name][seen], expected[seen], float(np.max(np.abs(expected))))
     return found
 
@@ -83,7 +81,7 @@ def follows_truth(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float
     """Compare columns of the first run with a truth, by their range; of a method that locates events, those as well."""
     [run, *_], wanted = runs, {"columns": ["slider.x"], "events": True, "time_at_rest": False, **case.truth}
     t_end = float(run.t[-1])
-    true: Truth = _known(getattr(truths, f"{wanted['of']}_truth"), scenes[0], t_end)
+    true: Truth = _known(getattr(truths, f"{wanted['of']}_truth"), pickle.dumps(scenes[0]), t_end)
     expected = true(np.minimum(run.t, true.t_end))
     found = {}
     for name in wanted["columns"]:
@@ -102,13 +100,9 @@ def _other_events(expected: Sequence[Event | Instant], found: Sequence[Event], t
     return {"events missed or invented": float(len(matched.missed) + len(matched.spurious))}
 
 
-def _known(solve: Callable[[Scene, float], Known], scene: Scene, t_end: float) -> Known:
-    """Solve a scene once: all variants of a case follow each other, and it often takes longer than their runs."""
-    return _found(solve, pickle.dumps(scene), t_end)
-
-
 @lru_cache(maxsize=4)
-def _found(solve: Callable[[Scene, float], Any], scene: bytes, t_end: float) -> Any:
+def _known(solve: Callable[[Scene, float], Any], scene: bytes, t_end: float) -> Any:
+    """Solve a pickled scene once: all variants of a case follow each other, and it often takes longer than a run."""
     return solve(pickle.loads(scene), t_end)
 
 
@@ -159,7 +153,7 @@ def friction_excess(scene: Scene, columns: Mapping[str, np.ndarray]) -> float:
 
 
 def settled(run: Trajectory, column: str) -> np.ndarray:
-    """A force in the second half of a run: before that, methods with clearance or compliance may build it up."""
+    """Force in the second half of a run: before that, methods with clearance or compliance may build it up."""
     return run[column][run.t >= run.t[-1] / 2]
 
 
@@ -183,7 +177,7 @@ def comes_to_rest(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     How guides share the load is not determined, the virtual power of their frictions is.
     """
     scene, run = scenes[0], runs[0]
-    motion = _known(simulate, scene, float(run.t[-1]))
+    motion: Motion = _known(simulate, pickle.dumps(scene), float(run.t[-1]))
     m, slips = motion.equations, [run[f"{name}.slip_velocity"] for name in motion.equations.guides]
     terms = m.terms(motion.q, 0.0, np.ones(len(m.guides)))
     power = shared(np.array([terms.p @ [run[f"{name}.friction"][-1] for name in m.guides]]))

@@ -49,9 +49,8 @@ def lifted_position(scene: Scene, t: np.ndarray) -> np.ndarray:
             return (x + v * h + P / m * h ** 2 / 2 - mu * sign / m * (second(s) - second(start) - first(start) * h),
                     v + P / m * h - mu * sign / m * (first(s) - first(start)))
         out[inside] = state(t[inside])[0]
-        if not np.isfinite(end):
-            break
-        x, v = state(end)
+        if np.isfinite(end):
+            x, v = state(end)
         start, sign = end, -sign
     return out
 

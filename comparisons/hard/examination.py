@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -45,42 +46,6 @@ AUDITED = 60
 
 
 @dataclass(frozen=True)
-class Examination:
-    """Result of one case through one variant.
-
-    Attributes
-    ----------
-    measures : Mapping[str, float]
-        Relative errors by name.
-    stopped, stop_kind, stop_time : str, str, float
-        Why a run ended early (empty if none did), the kind of the `stiction.scenes.Breakdown`, and when, s.
-    refused, by : str
-        Why the input was refused, and who refused it: `READER`, `ADAPTER` or `METHOD`; empty if none did.
-    not_run : str
-        Why this table does not spend the time; empty if it does.
-    no_motion : str
-        Why what the engine returned is no motion of the mechanism; empty if it is.
-    cpu_s, engine_s : float
-        Of stepping, all runs together; of that inside the engine's own calls.
-    problems : tuple of Problem
-        Complementarity problems that the event-driven reference met.
-    """
-
-    measures: Mapping[str, float] = field(default_factory=dict)
-    stopped: str = ""
-    stop_kind: str = ""
-    stop_time: float = math.nan
-    refused: str = ""
-    by: str = ""
-    not_run: str = ""
-    no_motion: str = ""
-    version: str = ""
-    cpu_s: float = 0.0
-    engine_s: float = 0.0
-    problems: tuple[Problem, ...] = ()
-
-
-@dataclass(frozen=True)
 class Verdict:
     """`word` of `VERDICTS`; its reason; its size (relative error, or seconds too late) and the limit for right."""
 
@@ -90,14 +55,31 @@ class Verdict:
     limit: float = math.nan
 
 
-def examine(name: str, variant: Variant) -> Examination:
-    """Run a case; called in a child.
+@dataclass(frozen=True)
+class Examination:
+    """Result of one case through one variant: relative errors by name, or the reason why there are none.
 
-    Raises
-    ------
-    Refused, EngineMissing
-        Of the engine.
+    A run `stopped` early for a reason, at `stop_time` (s) with a `stop_kind` of `stiction.scenes.Breakdown`. The input
+    was `refused` for a reason `by` the `READER`, the `ADAPTER` or the `METHOD`. Where there was nothing to measure
+    there is a `verdict`. `cpu_s` and `engine_s` are of stepping all runs, and of that inside the engine's own calls;
+    `problems` are those that the event-driven reference met.
     """
+
+    measures: Mapping[str, float] = field(default_factory=dict)
+    stopped: str = ""
+    stop_kind: str = ""
+    stop_time: float = math.nan
+    refused: str = ""
+    by: str = ""
+    verdict: Verdict | None = None
+    version: str = ""
+    cpu_s: float = 0.0
+    engine_s: float = 0.0
+    problems: tuple[Problem, ...] = ()
+
+
+def examine(name: str, variant: Variant) -> Examination:
+    """Run a case; called in a child. Raises what an engine refuses, and `EngineMissing`."""
     case = next(case for case in hard_cases() if case.name == name)
     engine = load_engine(variant.engine)
     by = READER
@@ -106,8 +88,8 @@ def examine(name: str, variant: Variant) -> Examination:
         by = METHOD if variant.engine in OWN_METHODS else ADAPTER
         steps = scenes[0].t_end / case.dt
         if variant.parameter == "dt" and steps > case.most_steps * 1.001:
-            return Examination(not_run=f"{steps:.3g} steps of {case.dt:g} s are more than this table spends on a case "
-                                       f"({case.most_steps})")
+            return Examination(verdict=Verdict(NOT_RUN, f"{steps:.3g} steps of {case.dt:g} s are more than this table "
+                                                        f"spends on a case ({case.most_steps})"))
         runs: list[Trajectory] = []
         for scene in scenes:
             runs.append(_run(case, scene, case.dt * scene.t_end / scenes[0].t_end, variant))
@@ -118,31 +100,30 @@ def examine(name: str, variant: Variant) -> Examination:
         return Examination(refused=reason, by=by, version=engine.version)
     except Declined as error:
         return Examination(refused=str(error), by=ADAPTER, version=engine.version)
-    except BadTrajectory as error:
-        return Examination(no_motion=str(error), version=engine.version)
+    except BadTrajectory as error:  # it is no motion of the mechanism
+        return Examination(verdict=Verdict(WRONG, str(error)), version=engine.version)
     except EngineFailure as error:
         return Examination(stopped=str(error), version=engine.version)
+    reference, stop = variant.engine == "reference", dict[str, Any]()
     if runs[-1].termination == "end":
         scene, run = scenes[0], runs[0]
-        ended = Examination()
         measures = checks.measures(case, scenes, runs) | _beyond(case, scene, run)
-        if variant.engine == "reference" and scene.frictional_guides:
+        if reference and scene.frictional_guides:
             measures |= _conditions(scene, run)
     else:
         scene, run = scenes[len(runs) - 1], runs[-1]
-        kind, time = (run.breakdown.kind, run.breakdown.time) if run.breakdown else ("", float(run.t[-1]))
         measures = _beyond(case, scene, run)
-        ended = Examination(stopped=run.termination, stop_kind=kind, stop_time=time)
-    event_driven = variant.engine == "reference" and variant.parameter == "rtol"
-    return replace(ended, measures=measures, version=run.version, cpu_s=sum(run.cost.stepping_s for run in runs),
-                   engine_s=sum(run.cost.own_s for run in runs),
-                   problems=tuple(problems_met(case.topic, scene, run)) if event_driven else ())
+        kind, time = (run.breakdown.kind, run.breakdown.time) if run.breakdown else ("", float(run.t[-1]))
+        stop = {"stopped": run.termination, "stop_kind": kind, "stop_time": time}
+    problems = problems_met(case.topic, scene, run) if reference and variant.parameter == "rtol" else []
+    return Examination(measures, version=run.version, cpu_s=sum(run.cost.stepping_s for run in runs),
+                       engine_s=sum(run.cost.own_s for run in runs), problems=tuple(problems), **stop)
 
 
 def _run(case: HardCase, scene: Scene, dt: float, variant: Variant) -> Trajectory:
     """Run a scene with its step or tolerance; `dt` is in the units of a scaled scene."""
-    has_larger = any(guide.static_coefficient > guide.kinetic_coefficient for guide in scene.frictional_guides.values())
-    if has_larger and not has_static_coefficient(variant):
+    if not has_static_coefficient(variant) and any(guide.static_coefficient > guide.kinetic_coefficient
+                                                   for guide in scene.frictional_guides.values()):
         raise Refused("has no static coefficient; the case is about mus > mu")
     step = {"dt": dt} if variant.parameter == "dt" else {"rtol": variant.ladder[-1]}
     settings = {**variant.settings, **(case.reference if variant.engine == "reference" else {})}
@@ -157,9 +138,8 @@ def _beyond(case: HardCase, scene: Scene, run: Trajectory) -> dict[str, float]:
     needed = {f"{name}.{column}" for name in scene.frictional_guides for column in ("mode", "friction")}
     if case.expected != NO_MOTION or not needed <= run.columns.keys():
         return {}
-    time, kind = case.stop_of(scene)
-    later = run.t > time
-    if kind != SEVERAL or not later.any():
+    later = run.t > case.stops_at(scene)
+    if case.stop["kind"] != SEVERAL or not later.any():
         return {}
     columns = {name: np.asarray(column)[later] for name, column in run.columns.items()}
     return {BEYOND: checks.friction_excess(scene, columns)}
@@ -184,10 +164,8 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
     if outcome.status != "ok":
         return Verdict(FAILED, f"{outcome.status}: {outcome.reason}")
     found: Examination = outcome.value
-    if found.not_run:
-        return Verdict(NOT_RUN, found.not_run)
-    if found.no_motion:
-        return Verdict(WRONG, found.no_motion)
+    if found.verdict is not None:
+        return found.verdict
     if found.by == ADAPTER:
         return Verdict(DECLINED_BY_ADAPTER, found.refused)
     if found.refused:
@@ -222,14 +200,15 @@ def _judge_motion(measures: Mapping[str, float], limits: Limits) -> Verdict:
 
 def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict:
     """Judge a run of a scene whose motion ends, or is one of several from some time on."""
-    time, kind = case.stops_at
+    scene, kind = case.scenes()[0], case.stop["kind"]
+    time = case.stops_at(scene)
     limit, law = STOP[variant.parameter] * 1000 * case.dt, case.limits(variant.parameter).right
     follows = kind == SEVERAL and found.measures.get(BEYOND, math.inf) <= law
     if not found.stopped:
         if follows:
             reason = "goes on with one of several motions, and does not say that there are others"
             return Verdict(DEGRADED, reason, found.measures[BEYOND], law)
-        beyond = case.scenes()[0].t_end - time
+        beyond = scene.t_end - time
         if kind == NONE and load_engine(variant.engine).steps_by_impulses(variant.fidelity, variant.settings):
             reason = "goes on by impulses for so many seconds where there is no motion with finite forces"
             return Verdict(IMPULSIVE, reason, beyond)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import variants
-from stiction.comparisons.complementarity.problems import Problem
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard.case import HardCase, hard_cases
 from stiction.comparisons.hard.examination import examine, judge
+from stiction.comparisons.studies.study import Tables
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.registry import label_of
@@ -32,30 +31,18 @@ def hard_variants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
     return (*REFERENCE, *(variant for variant in variants(engines) if variant.engine != "reference"))
 
 
-@dataclass(frozen=True)
-class HardComparison:
-    """`table`: one row per case and variant; `problems`: the complementarity problems that the reference met."""
+def hard_comparison(depth: Depth = Depth.FULL, engines: Iterable[str] | None = None) -> Comparison[Tables]:
+    """Examine the cases of a depth with every variant: what must be true, the verdict, its reason, size and limit.
 
-    table: pd.DataFrame
-    problems: tuple[Problem, ...]
-
-
-def hard_comparison(*, depth: Depth = Depth.FULL, engines: Iterable[str] | None = None) -> Comparison[HardComparison]:
-    """Examine every case with every variant: what must be true, the verdict, its reason, its size and the limit.
-
-    Parameters
-    ----------
-    depth
-        Which cases: see `stiction.comparisons.hard.case.HardCase.depth`.
-    engines
-        As in `hard_variants`.
+    With the table, a row per case and variant, come the complementarity problems that the reference met.
     """
     chosen = hard_variants(engines)
     runs = [(case, variant) for case in hard_cases(depth) for variant in chosen]
 
-    def tabulate(outcomes: Sequence[Outcome]) -> HardComparison:
+    def tabulate(outcomes: Sequence[Outcome]) -> Tables:
         met = [problem for outcome in outcomes if outcome.value for problem in outcome.value.problems]
-        return HardComparison(pd.DataFrame([_row(*run, outcome) for run, outcome in zip(runs, outcomes)]), tuple(met))
+        table = pd.DataFrame([_row(*run, outcome) for run, outcome in zip(runs, outcomes)])
+        return Tables({"hard": table}, problems=tuple(met))
 
     tasks = tuple(Task(f"{case.name}/{variant.label}", examine, (case.name, variant)) for case, variant in runs)
     return Comparison(tasks, tabulate, chosen)

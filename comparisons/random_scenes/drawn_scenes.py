@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 
@@ -16,35 +17,19 @@ class SceneOutcome:
     outcome: str
     detail: str = ""
     """What differs, or who stops when and why"""
-    error: float = np.nan
-    """In the unit of the study; nan without a comparison"""
     about: str = ""
     """The scene in words, enough to draw it again"""
 
 
-class Judge(Protocol):
-    """Function of a study that judges scene i of a seed, at each tolerance."""
-
-    def __call__(self, seed: int, i: int, /, rtols: Sequence[float]) -> Sequence[SceneOutcome]: ...
-
-
 @dataclass(frozen=True)
 class RandomScenes:
-    """Way to judge random scenes.
+    """Way to judge random scenes: ``judge(seed, i, rtols)`` has the verdicts on scene i of a seed.
 
-    Attributes
-    ----------
-    judge : callable
-        ``judge(seed, i, rtols)``: the verdicts on scene i of a seed.
-    outcomes : Mapping of str to str
-        Meanings of the outcomes, best first; no scene may have those that are `failing`.
-    rtols : tuple of float
-        Tolerances of the runs.
-    t_end : float
-        Longest motion, s.
+    The meanings of the outcomes are in order, best first; no scene may have those that are `failing`. `rtols` are the
+    tolerances of the runs, `t_end` is the longest motion, s.
     """
 
-    judge: Judge
+    judge: Callable[[int, int, Sequence[float]], Sequence[SceneOutcome]]
     outcomes: Mapping[str, str]
     failing: tuple[str, ...]
     rtols: tuple[float, ...]
@@ -55,3 +40,11 @@ class RandomScenes:
         for i in range(first, first + count):
             for verdict in self.judge(seed, i, self.rtols):
                 yield i, verdict
+
+
+def event_differences(expected: Sequence[Any], found: Sequence[Any]) -> Iterator[tuple[str, str, float]]:
+    """Yield events of two motions in words, one by one, and the difference of their times; infinite between kinds."""
+    for one, other in zip_longest(expected, found):
+        same = one is not None and other is not None and one.kind == other.kind
+        words = [f"{event.kind} at {event.time:.9f} s" if event is not None else "none" for event in (one, other)]
+        yield words[0], words[1], abs(one.time - other.time) if same else np.inf

@@ -73,18 +73,18 @@ def _measured(draw: Draw) -> Row:
 def sentences_on_draws(rows: Sequence[Row]) -> str:
     """Sentences on the draws among the rows of a night, with their seed; empty if there are none."""
     said = []
+    drawn = [(row.settings, row.metrics) for row in rows if row.variant == RANDOM and row.settings is not None]
     for what, study in STUDIES.items():
-        if drawn := [(row, row.settings) for row in rows
-                     if row.variant == RANDOM and row.settings is not None and row.settings["what"] == what]:
-            counts: Counter[str] = Counter()
-            for row, _ in drawn:
-                counts.update({metric.name.removesuffix(" [-]"): int(metric.value) for metric in row.metrics})
-            numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in study.outcomes if counts[outcome])
-            missing = sum(settings["count"] for row, settings in drawn if not row.metrics)
-            scenes = sum(settings["count"] for _, settings in drawn)
-            rtols = ", ".join(f"{rtol:g}" for rtol in study.rtols)
-            said.append(
-                f"Seed {drawn[0][1]['seed']}, {scenes} {what} of at most {study.t_end:g} s at rtol {rtols}, "
-                f"against the independent solution: {numbers or 'none'}"
-                + (f"; {missing} {what} without a result." if missing else "."))
+        if not (of_study := [(settings, metrics) for settings, metrics in drawn if settings["what"] == what]):
+            continue
+        counts, scenes, missing = Counter[str](), 0, 0
+        for settings, metrics in of_study:
+            counts.update({metric.name.removesuffix(" [-]"): int(metric.value) for metric in metrics})
+            scenes += settings["count"]
+            missing += 0 if metrics else settings["count"]
+        numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in study.outcomes if counts[outcome])
+        rtols = ", ".join(f"{rtol:g}" for rtol in study.rtols)
+        said.append(f"Seed {of_study[0][0]['seed']}, {scenes} {what} of at most {study.t_end:g} s at rtol {rtols}, "
+                    f"against the independent solution: {numbers or 'none'}"
+                    + (f"; {missing} {what} without a result." if missing else "."))
     return " ".join(said)

@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from scipy.integrate import OdeSolution, solve_ivp
@@ -104,14 +104,6 @@ class Motion:
         terms = m.terms(q, u[0], piece.d)
         f = m.friction(terms, piece.d, piece.s, m.mu)[0]
         return q, np.array([terms.load0[0] + terms.load[0] @ f, f])
-
-
-@overload
-def dot(a: complex, b: complex) -> float: ...
-
-
-@overload
-def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray: ...
 
 
 def dot(a: Any, b: Any) -> Any:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome
+from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome, event_differences
 from stiction.comparisons.truth import NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, load_scene, vary
@@ -62,37 +62,29 @@ def slider_bar(parameters: dict[str, float]) -> Scene:
     return vary(load_scene("slider-bar-case-1"), parameters)
 
 
-def judge(parameters: dict[str, float], rtols: Sequence[float]) -> tuple[SceneOutcome, ...]:
+def judge(parameters: dict[str, float], rtols: Sequence[float]) -> list[SceneOutcome]:
     """Run the reference at each tolerance and compare it with the truth."""
     scene, about = slider_bar(parameters), json.dumps(parameters)
     try:
         truth = slider_bar_truth(scene, T_END)
     except (NoMotion, Undecided) as refusal:
-        return tuple(SceneOutcome(*_refused(refusal, _simulate(scene, rtol, T_END)), about) for rtol in rtols)
-    return tuple(SceneOutcome(*_compared(scene, truth, rtol), about) for rtol in rtols)
+        return [SceneOutcome(*_refused(refusal, _simulate(scene, rtol, T_END)), about) for rtol in rtols]
+    return [SceneOutcome(*_compared(scene, truth, rtol), about) for rtol in rtols]
 
 
-def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> tuple[SceneOutcome, ...]:
-    """Judge scene i of a seed."""
-    return judge(drawn(seed, i), rtols)
+STUDY = RandomScenes(lambda seed, i, rtols: judge(drawn(seed, i), rtols), OUTCOMES, FAILING, (1e-9, 1e-12), T_END)
 
 
-STUDY = RandomScenes(judge_drawn, OUTCOMES, FAILING, (1e-9, 1e-12), T_END)
-
-
-def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str, float]:
+def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str]:
     run = _simulate(scene, rtol, truth.t_end)
     if run.breakdown is not None:
-        return REFERENCE_REFUSES, _stop(run), np.nan
+        return REFERENCE_REFUSES, _stop(run)
     error, detail = difference(run, truth)
     if error <= max(LOOSE * rtol, TIGHT_BOUND):
-        return AGREES, "", error
+        return AGREES, ""
     tight = _simulate(scene, TIGHT_RTOL, truth.t_end)
-    if tight.breakdown is not None:
-        return SILENTLY_WRONG, f"{detail}; at {TIGHT_RTOL:g}: {_stop(tight)}", error
-    tight_error, tight_detail = difference(tight, truth)
-    outcome = GRAZES if tight_error <= TIGHT_BOUND else SILENTLY_WRONG
-    return outcome, f"{detail}; at {TIGHT_RTOL:g}: {tight_detail or f'error {tight_error:.1e}'}", error
+    error, again = (np.inf, _stop(tight)) if tight.breakdown is not None else difference(tight, truth)
+    return GRAZES if error <= TIGHT_BOUND else SILENTLY_WRONG, f"{detail}; at {TIGHT_RTOL:g}: {again}"
 
 
 def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
@@ -101,11 +93,11 @@ def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
     Corners that change surface are left out: the motion has a kink there in x'', which its errors show.
     """
     true, found = ([event for event in events if event.kind != "corner"] for events in (truth.events, run.events))
-    for i in range(max(len(true), len(found))):
-        one, other = (f"{e[i].kind} at {e[i].time:.9f} s" if i < len(e) else "none" for e in (true, found))
-        if one.split()[0] != other.split()[0]:
-            return np.inf, f"event {i + 1} of {len(true)}: truth {one}, run {other}"
-    errors = {f"{a.kind} at {a.time:.9f} s": abs(a.time - b.time) for a, b in zip(true, found)}
+    errors = {}
+    for i, (one, other, error) in enumerate(event_differences(true, found), 1):
+        if error == np.inf:
+            return error, f"event {i} of {len(true)}: truth {one}, run {other}"
+        errors[one] = error
     errors["x at the end"] = abs(float(truth(truth.t_end)["slider.x"][0] - run["slider.x"][-1]))
     worst = max(errors, key=lambda name: errors[name])
     return errors[worst], f"{worst}: error {errors[worst]:.1e}"
@@ -117,16 +109,17 @@ def _simulate(scene: Scene, rtol: float, t_end: float) -> Trajectory:
 
 
 def _stop(run: Trajectory) -> str:
-    return "end" if run.breakdown is None else f"{run.breakdown.kind} at {run.breakdown.time:.9f} s"
+    return f"{run.breakdown.kind} at {run.breakdown.time:.9f} s" if run.breakdown else "end"
 
 
-def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, str, float]:
+def _refused(refusal: TruthRefused, run: Trajectory) -> tuple[str, str]:
     if not isinstance(refusal, NoMotion):
-        return UNDECIDED, str(refusal), np.nan
+        return UNDECIDED, str(refusal)
     if run.breakdown is None:
-        return TRUTH_REFUSES, str(refusal), np.nan
-    detail = f"truth: {refusal}; run: {_stop(run)}"
-    difference_s = abs(refusal.time - run.breakdown.time)
-    if difference_s <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution"):
-        return SAME_BREAKDOWN, detail, difference_s
-    return (TRUTH_REFUSES if run.breakdown.time > refusal.time else REFERENCE_REFUSES), detail, difference_s
+        return TRUTH_REFUSES, str(refusal)
+    late, outcome = run.breakdown.time - refusal.time, REFERENCE_REFUSES
+    if abs(late) <= REFUSAL_WINDOW and run.breakdown.kind in ("several solutions", "no solution"):
+        outcome = SAME_BREAKDOWN
+    elif late > 0:
+        outcome = TRUTH_REFUSES
+    return outcome, f"truth: {refusal}; run: {_stop(run)}"

@@ -10,12 +10,12 @@ mechanism is run with each stabilization and compared with `one_freedom.simulate
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import count
+from itertools import count, product
 from typing import Any, TypeVar
 
 import numpy as np
 
-from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome
+from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome, event_differences
 from stiction.comparisons.random_scenes.one_freedom import (LONGEST_STEP, TOLERANCE, Motion, NoClearMotion, OneFreedom,
                                                             simulate)
 from stiction.engines.reference.engine import ReferenceEngine
@@ -23,6 +23,7 @@ from stiction.scenes import Scene, Trajectory, scene_from_dict
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute
+from stiction.scenes.trajectory import stacked
 
 T = TypeVar("T")
 
@@ -217,18 +218,17 @@ OUTCOMES = {
 
 
 def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> SceneOutcome:
-    """Hold a run to the motion: the first outcome that is not agreement; its error in units of what is allowed."""
+    """Hold a run to the motion: the first outcome that is not agreement."""
     about = f"{scene.name}, {run.settings['stabilization']['method']}"
     if run.breakdown is not None:
-        return SceneOutcome(STOPS, str(run.breakdown), about=about)
-    bound, worst = max(RESERVE * rtol, OWN_ERROR), 0.0
+        return SceneOutcome(STOPS, str(run.breakdown), about)
+    bound = max(RESERVE * rtol, OWN_ERROR)
     for outcome, found in ((SLIPS, _slips(motion, run)), (OTHER_EVENTS, _events(motion, run, bound)),
                            (OTHER_MOTION, _motion(motion, run, bound)), (NO_BALANCE, _balance(motion, run, bound))):
-        for error, detail in found:
+        for error, detail in found:  # in units of what is allowed
             if not error <= 1:
-                return SceneOutcome(outcome, detail, float(error), about)
-            worst = max(worst, float(error))
-    return SceneOutcome(AGREES, "", worst, about)
+                return SceneOutcome(outcome, detail, about)
+    return SceneOutcome(AGREES, about=about)
 
 
 def _slips(motion: Motion, run: Trajectory) -> Iterator[tuple[float, str]]:
@@ -241,21 +241,15 @@ def _events(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
     for name in motion.equations.guides:
         expected = [event for event in motion.events if event.joint == name]
         found = [event for event in run.events if event.joint == name and event.kind != "corner"]
-        for i in range(max(len(expected), len(found))):
-            one, other = (f"{e[i].kind} at {e[i].time:.9g} s" if i < len(e) else "none" for e in (expected, found))
-            same = one.split()[0] == other.split()[0]
-            error = abs(expected[i].time - found[i].time) / (bound * (1 + 1 / expected[i].rate)) if same else np.inf
-            yield error, f"{name}, event {i + 1}: expected {one}, found {other}"
+        for i, (one, other, error) in enumerate(event_differences(expected, found)):
+            shift = bound * (1 + 1 / expected[i].rate) if error < np.inf else 1.0
+            yield error / shift, f"{name}, event {i + 1}: expected {one}, found {other}"
 
 
 def _columns(motion: Motion, run: Trajectory, *names: str) -> np.ndarray:
     """Columns of the guides, of shape (instants, names, guides)."""
     guides = motion.equations.guides
-    return np.array([[run[f"{guide}.{name}"] for guide in guides] for name in names]).transpose(2, 0, 1)
-
-
-def _positions(motion: Motion, run: Trajectory) -> np.ndarray:
-    return np.array([run[f"{name}.{key}"] for name in motion.equations.scene.bodies for key in ("x", "y", "angle")]).T
+    return stacked(run.columns, guides, names).reshape(-1, len(guides), len(names)).swapaxes(1, 2)
 
 
 def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[float, str]]:
@@ -263,7 +257,8 @@ def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
 
     With Baumgarte's stabilization the forces answer the drift, too: they may differ by `_answer`.
     """
-    q, forces = _positions(motion, run), _columns(motion, run, "normal_force", "friction")
+    q = stacked(run.columns, motion.equations.scene.bodies, BODY_COLUMNS[0])
+    forces = _columns(motion, run, "normal_force", "friction")
     rows = [k for k, t in enumerate(run.t) if t < motion.rest and all(
         abs(t - event.time) > 10 * bound * (1 + 1 / event.rate) for event in motion.events)]
     true = [motion.at(run.t[k]) for k in rows]
@@ -286,9 +281,7 @@ def _answer(motion: Motion, run: Trajectory, k: int) -> float:
     law, m = run.settings["stabilization"], motion.equations
     if law["method"] != "baumgarte":
         return 0.0
-    names = m.scene.bodies
-    q, v = (np.array([run[f"{name}.{key}"][k] for name in names for key in keys])
-            for keys in BODY_COLUMNS[:2])
+    q, v = (stacked(run.columns, m.scene.bodies, labels)[k] for labels in BODY_COLUMNS[:2])
     residual, J = (values[:-len(m.guides)] for values in m.rows(q)[:2])
     accelerated = 2 * law["alpha"] * J @ v + law["beta"] ** 2 * residual
     return float(np.max(np.abs(np.linalg.solve(J / m.mass @ J.T, accelerated))))
@@ -296,7 +289,8 @@ def _answer(motion: Motion, run: Trajectory, k: int) -> float:
 
 def _balance(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[float, str]]:
     """Guides share a load in ways not determined: forces are in balance, and in the static cone of each surface."""
-    m, q = motion.equations, _positions(motion, run)[-1]
+    m = motion.equations
+    q = stacked(run.columns, m.scene.bodies, BODY_COLUMNS[0])[-1]
     pins = [run[f"{name}.{key}"][-1] for name, joint in m.scene.joints.items() if isinstance(joint, Revolute)
             for key in ("fx", "fy")]
     [normal, moment, friction] = _columns(motion, run, "normal_force", "moment", "friction")[-1]
@@ -317,10 +311,9 @@ def _balance(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[fl
 
 def runs(scene: Scene, rtols: Sequence[float]) -> Iterator[tuple[float, Trajectory]]:
     """Runs of the reference, at each tolerance with each stabilization."""
-    for rtol in rtols:
-        for method in STABILIZATIONS:
-            yield rtol, ReferenceEngine().simulate(scene, rtol=rtol, stabilization=method, output_step=scene.t_end / 50,
-                                                   event_values=False)
+    for rtol, method in product(rtols, STABILIZATIONS):
+        yield rtol, ReferenceEngine().simulate(scene, rtol=rtol, stabilization=method, output_step=scene.t_end / 50,
+                                               event_values=False)
 
 
 def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[SceneOutcome]:
@@ -330,13 +323,14 @@ def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[SceneOutcome]
     its error a thousandfold. Where a run disagrees, a motion with a tighter tolerance and far shorter steps decides.
     """
     scene, motion = drawn(seed, i)
-    found = list(runs(scene, rtols))
-    verdicts = [judge(scene, motion, run, rtol) for rtol, run in found]
-    if all(verdict.outcome == AGREES for verdict in verdicts):
-        return verdicts
-    again = simulate(scene, LONGEST, TOLERANCE / 10, LONGEST_STEP / 64)
-    return [verdict if verdict.outcome == AGREES else judge(scene, again, run, rtol)
-            for verdict, (rtol, run) in zip(verdicts, found)]
+    found, again = [], None
+    for rtol, run in runs(scene, rtols):
+        verdict = judge(scene, motion, run, rtol)
+        if verdict.outcome != AGREES:
+            again = again or simulate(scene, LONGEST, TOLERANCE / 10, LONGEST_STEP / 64)
+            verdict = judge(scene, again, run, rtol)
+        found.append(verdict)
+    return found
 
 
 STUDY = RandomScenes(judge_drawn, OUTCOMES, tuple(outcome for outcome in OUTCOMES if outcome != AGREES), RTOLS,

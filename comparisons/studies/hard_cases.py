@@ -31,8 +31,7 @@ NOTES = ("Declined: by the method's own word. Not judged: our adapter or our rea
 
 def plan(scope: Scope) -> Comparison[Tables]:
     """Every case through the reference's methods and every engine."""
-    found = hard_comparison(depth=scope.depth, engines=scope.engines)
-    return found.then(lambda hard: Tables({"hard": hard.table}, problems=hard.problems))
+    return hard_comparison(scope.depth, scope.engines)
 
 
 def present(results: Results) -> Presentation:

@@ -1,14 +1,12 @@
 """The time that is kept of every night: a multiple of the calibration kernel's, so that the machine's speed cancels.
 
-Both times are the shortest of their samples: whatever else runs on the machine makes a time longer, never shorter, and
-a night is compared with others on which something else ran. The other nights are also the repeats of a run that takes
-longer than `ONCE`.
+Both times are the shortest of their samples: whatever else runs on the machine makes a time longer, never shorter. The
+other nights are also the repeats of a run that takes longer than `ONCE`.
 
-The kernel (`calibration_kernel`) shows the clock and what disturbs all work alike. It does not show differences between
-processors beyond their speed: the ratio of the reference to an earlier kernel was 4.1 on one and 5.7 on another, and
-for some runs 1.9 times as much. Nor does it show all of a neighbour that shares caches or the core: 1.46 times was
-seen. So no verdict rests on it, and no time is corrected by it; `stiction.comparisons.timing.older_code` has what a
-verdict can rest on.
+The kernel shows the clock and what disturbs all work alike, not differences between processors beyond their speed: the
+ratio of the reference to an earlier kernel was 4.1 on one and 5.7 on another. Nor does it show all of a neighbour that
+shares caches or the core: 1.46 times was seen. So no verdict rests on it, and no time is corrected by it; `older_code`
+has what a verdict can rest on.
 """
 
 from __future__ import annotations
@@ -32,16 +30,8 @@ ONCE = 0.5
 def relative_time(call: Callable[[], Any], least: int) -> tuple[float, float | None]:
     """Return the CPU time of a call over that of the kernel, timed in turns, each the shortest of its samples.
 
-    Parameters
-    ----------
-    least
-        Rounds, for a call that takes less than `ONCE`.
-
-    Returns
-    -------
-    ratio : float
-    uncertainty : float or None
-        Difference of the second shortest call from the shortest, in kernels; None where there is only one.
+    A call that takes less than `ONCE` has `least` rounds. With the ratio comes its uncertainty: the difference of the
+    second shortest call from the shortest, in kernels; None where there is only one.
     """
     kernel = calibration_kernel()
     kernel_s = min(seconds for _, seconds in block(kernel))

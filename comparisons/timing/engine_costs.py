@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import platform
-import textwrap
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -21,8 +20,6 @@ from stiction.scenes import Scene, load_scene
 SCENE = "slider-bar-case-1"
 PERIOD = 8.0
 """Seconds of the runs: one period."""
-WIDTH = 100
-"""Characters of a line."""
 
 
 def main() -> None:
@@ -30,7 +27,7 @@ def main() -> None:
     machine = f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} CPUs"
     print(f"{machine}, load {os.getloadavg()[0]:.2f} at the start\n")
     for line in engine_costs(load_scene(SCENE)):
-        print(line if line.startswith("|") else textwrap.fill(line, WIDTH, subsequent_indent=6 * " "), flush=True)
+        print(line, flush=True)
 
 
 def engine_costs(scene: Scene) -> Iterator[str]:
@@ -43,9 +40,7 @@ def engine_costs(scene: Scene) -> Iterator[str]:
     table = work_precision(scene, engines, t_end=PERIOD, repeats=MOST).make().table
     yield (f"{scene.name}, {PERIOD:g} s, {1e3 * COMMON_STEP:g} ms: us of CPU a step, "
            f"medians of {table['repeats'].max():.0f} repeats each")
-    yield ""
-    yield "| method | version | total | the engine | the rest / its own | error [m] |"
-    yield "|---|---|---|---|---|---|"
+    yield "\n| method | version | total | the engine | the rest / its own | error [m] |\n|---|---|---|---|---|---|"
     notes: dict[str, int] = {}
     for row in table.to_dict("records"):
         found = [f"{row['status']}: {row['reason']}", "", "", ""]

@@ -20,16 +20,10 @@ CONFIDENCE = 0.9
 
 @dataclass(frozen=True)
 class Interval:
-    """Interval of a median.
+    """Interval of a median, in the unit of the samples; nan without any.
 
-    Attributes
-    ----------
-    value, low, high : float
-        In the unit of the samples; nan without any.
-    level : float
-        Probability with which the interval encloses the median: at least `CONFIDENCE` where there are enough samples; 0
-        for one sample.
-    samples : int
+    The level is the probability with which it encloses the median: at least `CONFIDENCE` where there are enough
+    samples; 0 for one.
     """
 
     value: float
@@ -65,9 +59,6 @@ def _rank(n: int) -> tuple[int, float]:
 def ratio_interval(over: Sequence[float], under: Sequence[float]) -> Interval:
     """Interval of the ratio of two times, from the ratio of each round: what slows a machine down slows down both.
 
-    Parameters
-    ----------
-    over, under
-        By round; rounds that only one of them has are left out.
+    Rounds that only one of them has are left out.
     """
     return median_interval([a / b for a, b in zip(over, under)])

@@ -1,8 +1,7 @@
 """Costs of runs over their costs in the code before: both timed in turns, on this machine, in one go.
 
-A time by itself says little. A calibration kernel is other work than the run. A busy neighbour shares caches and, in
-virtual machines, the core itself: it changes the ratio of the two, by 1.46 times for the same code. Another processor
-changed it by 1.9 times. The same run in the code before is the same work, disturbed alike at the same time.
+A busy neighbour changes the ratio of a run to a calibration kernel by 1.46 times for the same code, another processor
+by 1.9 times. The same run in the code before is the same work, disturbed alike at the same time.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
@@ -20,8 +20,7 @@ from typing import Any
 
 from stiction.comparisons.campaigns.measurement import PlannedRun
 from stiction.comparisons.timing.rounds import in_rounds
-from stiction.comparisons.variants import Variant, job, physics_of
-from stiction.engines.registry import load_engine
+from stiction.comparisons.variants import Variant, has_static_coefficient, job, physics_of
 from stiction.scenes import InputError, scene_to_toml
 
 FEWEST, MOST, SECONDS = 5, 40, 0.1
@@ -67,33 +66,17 @@ class ControlRefused(InputError):
 
 def times_in_turns(runs: Sequence[PlannedRun], before: Path,
                    limit_s: float = 240.0) -> dict[str, dict[str, float] | str]:
-    """CPU times now over those before, by key of the run: `TOTAL`, and `STEPPING` where both codes state it.
+    """Return CPU times now over those before, by key of the run: `TOTAL`, and `STEPPING` where both codes state it.
 
-    Where there are none the value is the reason.
-
-    They are timed in rounds as of `stiction.comparisons.timing.rounds`.
-
-    Parameters
-    ----------
-    before
-        A checkout of the suite. An engine that stands for another is timed against that one.
-    limit_s
-        Seconds that one run may take, in either code; the first one may take `COMPILING` longer.
-
-    Raises
-    ------
-    ControlRefused
-        If it is no checkout of the suite, or the process died.
+    They are timed in rounds as of `stiction.comparisons.timing.rounds`. Where there are none the value is the reason.
+    An engine that stands for another is timed against that one. In either code a run may take `limit_s`, the first one
+    `COMPILING` longer. Raises `ControlRefused` if `before` is no checkout of the suite, or the process died.
     """
-    asked = [(run, run.variant) for run in runs if run.variant is not None]
-    found: dict[str, dict[str, float] | str] = {}
-    of_then = [_task(run, variant, stand_in=True) for run, variant in asked]
-    of_now = [_task(run, variant) for run, variant in asked]
+    made = [(run, run.variant) for run in runs if run.variant is not None]
+    of_then, of_now = ([_task(run, variant, stand_in) for run, variant in made] for stand_in in (True, False))
     with (closing(_Code(before.resolve(), of_then, limit_s)) as then,
           closing(_Code(None, of_now, limit_s)) as now):
-        for i, (run, _) in enumerate(asked):
-            found[run.key] = _ratios({BEFORE: then, NOW: now}, i)
-    return found
+        return {run.key: _ratios({BEFORE: then, NOW: now}, i) for i, (run, _) in enumerate(made)}
 
 
 def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
@@ -103,7 +86,7 @@ def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
     def one_round(when: Sequence[str]) -> dict[str, dict[str, float]]:
         answers = {name: codes[name].timed(i) for name in when}
         failed.extend(f"{name}: {answer}" for name, answer in answers.items() if isinstance(answer, str))
-        return {name: answer for name, answer in answers.items() if not (failed or isinstance(answer, str))}
+        return {} if failed else {name: answer for name, answer in answers.items() if not isinstance(answer, str)}
 
     first = one_round((BEFORE, NOW))  # may have to compile: not counted
     if not failed:
@@ -111,15 +94,13 @@ def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
         times = in_rounds((BEFORE, NOW), one_round, lambda sample: sample[TOTAL], least, most=least)
     if failed:
         return "; ".join(failed)
-    shortest = {when: {what: min(sample[what] for sample in times[when]) for what in first[when]}
-                for when in (BEFORE, NOW)}
-    return {what: shortest[NOW][what] / shortest[BEFORE][what] for what in shortest[NOW] if shortest[BEFORE].get(what)}
+    then, now = ({what: min(sample[what] for sample in times[when]) for what in first[when]} for when in (BEFORE, NOW))
+    return {what: now[what] / then[what] for what in now if then.get(what)}
 
 
-def _task(run: PlannedRun, variant: Variant, stand_in: bool = False) -> list[Any]:
+def _task(run: PlannedRun, variant: Variant, stand_in: bool) -> list[Any]:
     """Return a run with start and end as its only output: its cost is that of the motion, not of the table of it."""
-    solver = load_engine(variant.engine)
-    scene = physics_of(run.scene, solver.capabilities.static_coefficient.get(variant.fidelity, False))
+    scene = physics_of(run.scene, has_static_coefficient(variant))
     found = job(scene, variant, run.step, output_step=scene.t_end)
     engine = variant.stands_for if stand_in and variant.stands_for else found.engine
     return [engine, scene.name, scene_to_toml(scene), dict(found.arguments)]
@@ -134,24 +115,19 @@ class _Code:
         self._start()
 
     def timed(self, number: int) -> dict[str, float] | str:
-        """CPU seconds of the run with a number, by `TOTAL` and `STEPPING`, or why there are none."""
+        """Return CPU seconds of the run with a number, by `TOTAL` and `STEPPING`, or why there are none."""
         limit, self._patience = self._limit_s + self._patience, 0.0
-        late = threading.Event()
-
-        def give_up() -> None:
-            late.set()
-            self._process.kill()
-
-        timer = threading.Timer(limit, give_up)
+        end, timer = time.monotonic() + limit, threading.Timer(limit, self._process.kill)
         timer.start()
         try:
-            answer = self._ask(str(number)) and self._answers.readline()
+            self._ask(str(number))
+            answer = self._answers.readline()
         finally:
             timer.cancel()
         if answer:
             return json.loads(answer)
         code = self._process.wait()
-        if late.is_set():
+        if time.monotonic() >= end:
             self.close()
             self._start()
             return f"no result within {limit:g} s"
@@ -177,10 +153,7 @@ class _Code:
         self._questions, self._answers = self._process.stdin, self._process.stdout
         self._ask(json.dumps([self._folder and str(self._folder), self._tasks]))
 
-    def _ask(self, question: str) -> bool:
-        try:
+    def _ask(self, question: str) -> None:
+        with suppress(BrokenPipeError):  # there will be no answer, and its errors say why
             self._questions.write(question + "\n")
             self._questions.flush()
-        except BrokenPipeError:  # its errors say why
-            return False
-        return True

@@ -1,21 +1,18 @@
 """Measurement of time by `validate`, `compare`, every night and in checks.
 
-`Engine.run` is timed with start and end as its only output: its cost is that of the motion, not of the table of it, nor
-of the gate that the run has passed before. Times are CPU times of the process that does the work.
+`Engine.run` is timed with start and end as its only output, in CPU time of the process that does the work. The cost is
+that of the motion, not of the table of it, nor of the gate that the run has passed before. All runs that are to be
+compared are timed in rounds, one at a time, in turns forwards and backwards. So a machine that becomes slower does so
+for all. A visit repeats a short run for `BLOCK` seconds, and its sample is their median. Runs whose interval
+(`intervals`) is `WIDE` after the rounds required have more, up to `MOST`.
 
-All runs that are to be compared are timed in rounds, one at a time: each round visits every run once, in turns forwards
-and backwards, so that a machine that becomes slower does so for all. A visit repeats a short run for `BLOCK` seconds
-after one run that is not counted, and its sample is their median: what lasts as long as a visit counts once. All runs
-have as many rounds as required, slow ones and fast ones. Those whose interval (`stiction.comparisons.timing.intervals`)
-is `WIDE` then have more, up to `MOST`.
-
-The calibration kernel (`calibration_kernel`) is timed in each visit, 2 ms in all before and after the run, and each
-round has the load by others. Neither corrects a time or enters a verdict: the table of samples and the provenance
-(`stiction.comparisons.timing.timed_runs.machine_while_timing`) have both.
+The calibration kernel is timed in each visit, 2 ms in all before and after the run, and each round has the load by
+others. Neither corrects a time or enters a verdict: the table of samples and the provenance have both.
 """
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -58,7 +55,7 @@ class VisitTimes:
     """Result of a visit: medians over its `runs`, CPU seconds.
 
     `setup_s`, `stepping_s` and `own_s` are those of `stiction.scenes.Cost`, `kernel_s` is that of the calibration
-    kernel in the same visit.
+    kernel in the same visit. `others` are the cores that other work kept busy in its round, nan where it was too short.
     """
 
     setup_s: float
@@ -66,6 +63,7 @@ class VisitTimes:
     own_s: float
     kernel_s: float
     runs: int
+    others: float = math.nan
 
 
 def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> VisitTimes:
@@ -73,46 +71,37 @@ def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> VisitTimes
 
     Times are those that the engine states (set-up, stepping), of the whole run where it states none.
     """
+    def stated(run: Trajectory, seconds: float) -> Cost:
+        return run.cost if run.cost != Cost() else Cost(stepping_s=seconds)
+
     def counted(run: Trajectory, seconds: float) -> float:
-        cost = stated_cost(run, seconds)
-        return cost.setup_s + cost.stepping_s
+        return stated(run, seconds).setup_s + stated(run, seconds).stepping_s
 
     call, kernel = bare_run(load_engine(engine), scene, arguments), calibration_kernel()
     kernels = [seconds_of(kernel)[1] for _ in range(KERNELS)]
-    costs = [stated_cost(*each) for each in block(call, counted)]
+    costs = [stated(*each) for each in block(call, counted)]
     kernels += [seconds_of(kernel)[1] for _ in range(KERNELS)]
     setup, stepping, own = (median(getattr(cost, name) for cost in costs)
                             for name in ("setup_s", "stepping_s", "own_s"))
     return VisitTimes(setup, stepping, own, median(kernels), len(costs))
 
 
-def stated_cost(run: Trajectory, seconds: float) -> Cost:
-    """Cost that a run states; all the seconds of its call where it states none."""
-    return run.cost if run.cost != Cost() else Cost(stepping_s=seconds)
-
-
 def bare_run(engine: Engine, scene: Scene, arguments: Mapping[str, Any]) -> Callable[[], Trajectory]:
     """Return the call that is timed, for arguments of `Engine.simulate` that have passed it once."""
-    own = ("t_end", "dt", "rtol", "fidelity", "output_step")
-    settings = {name: value for name, value in arguments.items() if name not in own}
-    t_end = arguments.get("t_end") or scene.t_end
-    return lambda: engine.run(scene, t_end=t_end, dt=arguments.get("dt"), rtol=arguments.get("rtol"),
-                              fidelity=arguments.get("fidelity", "joint"), output_step=t_end, settings=settings)
+    settings = dict(arguments)
+    t_end = settings.pop("t_end", None) or scene.t_end
+    settings.pop("output_step", None)
+    options = {name: settings.pop(name, None) for name in ("dt", "rtol")}
+    fidelity = settings.pop("fidelity", "joint")
+    return lambda: engine.run(scene, t_end=t_end, fidelity=fidelity, output_step=t_end, settings=settings, **options)
 
 
 def block(call: Callable[[], T],
           counted: Callable[[T, float], float] = lambda result, seconds: seconds) -> list[tuple[T, float]]:
-    """Results and CPU seconds of a call that is repeated for `BLOCK` seconds.
+    """Return results and CPU seconds of a call that is repeated for `BLOCK` seconds.
 
-    The first call counts if it takes longer than `LONG`: then it is the only one.
-
-    Parameters
-    ----------
-    call
-        The call that is timed.
-    counted
-        Seconds that are compared with `LONG`, from a result and the seconds of its call. The first run of a process
-        loads compiled kernels besides, which takes longer than many a run.
+    The first call counts if it takes longer than `LONG`: then it is the only one. `counted` has the seconds that are
+    compared with it, since the first run of a process loads compiled kernels besides.
     """
     first = seconds_of(call)
     if counted(*first) > LONG:
@@ -124,7 +113,7 @@ def block(call: Callable[[], T],
 
 
 def seconds_of(call: Callable[[], T]) -> tuple[T, float]:
-    """Result of a call and its CPU seconds, with those of programs that it ran and waited for."""
+    """Return the result of a call and its CPU seconds, with those of programs that it ran and waited for."""
     started = _cpu_s()
     result = call()
     return result, _cpu_s() - started
@@ -142,23 +131,16 @@ def _cpu_s() -> float:
 
 def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], seconds: Callable[[S], float],
               least: int = LEAST, most: int = MOST) -> dict[K, list[S]]:
-    """Samples of several runs that are timed in turns.
+    """Return samples of several runs that are timed in turns, by key and round.
 
     Parameters
     ----------
-    keys
-        Names of the runs.
     one_round
         Visits each key that it is given once, in that order. A key that it has no sample of is not visited again.
     seconds
         Time of a sample whose interval is to become narrow.
     least
         Rounds at least. Where they are `LEAST` or more, there are up to `most` of the keys that are still `WIDE`.
-
-    Returns
-    -------
-    dict
-        Samples by key, one a round, from the first round on.
     """
     samples: dict[K, list[S]] = {key: [] for key in keys}
     left, number = list(keys), 0
@@ -183,44 +165,28 @@ class Load:
 
 
 def load() -> Load:
-    """Load up to now, time that a host took from a virtual machine included."""
+    """Return the load up to now, time that a host took from a virtual machine included."""
     times, own = psutil.cpu_times(), 0.0
     # a guest's time is in the user's as well
     idle = sum(getattr(times, name, 0.0) for name in ("idle", "iowait", "guest", "guest_nice"))
     for process in (ours := psutil.Process(), *ours.children(recursive=True)):
         with suppress(psutil.NoSuchProcess):  # it has just ended: its parent has its times
-            used = process.cpu_times()
-            own += sum(getattr(used, name, 0.0) for name in ("user", "system", "children_user", "children_system"))
+            own += sum(process.cpu_times()[:4])  # in user and system code, its own and that of its children
     return Load(time.monotonic(), sum(times) - idle, own)
 
 
 def others(before: Load, after: Load) -> float:
     """Cores kept busy between two instants by other processes than this one and its children; nan below `SHORTEST`."""
-    wall = after.at - before.at
-    if wall < SHORTEST:
-        return float("nan")
-    return max(0.0, (after.busy_s - before.busy_s - after.own_s + before.own_s) / wall)
+    wall, busy = after.at - before.at, after.busy_s - before.busy_s - (after.own_s - before.own_s)
+    return max(0.0, busy / wall) if wall >= SHORTEST else math.nan
 
 
 @dataclass(frozen=True)
 class Timing:
-    """A run and its cost.
-
-    Attributes
-    ----------
-    trajectory : Trajectory
-        As it was requested; its cost has the medians of the samples.
-    samples : tuple of VisitTimes
-        By round.
-    others : tuple of float
-        Cores that other work kept busy, by round; nan where a round was too short to measure that.
-    reason : str
-        Reason why there are no samples, or fewer than rounds; empty otherwise.
-    """
+    """A run as it was requested, with the medians of its samples as cost; the reason why rounds are missing."""
 
     trajectory: Trajectory
     samples: tuple[VisitTimes, ...] = ()
-    others: tuple[float, ...] = ()
     reason: str = ""
 
     def interval(self, name: str) -> Interval:

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from statistics import median
+from itertools import count
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from stiction.comparisons.digest import digest, scene_digest
 from stiction.comparisons.timing.intervals import median_interval
 from stiction.comparisons.timing.rounds import Timing, VisitTimes, in_rounds, load, others, visit
 from stiction.comparisons.variants import OWN_CPU
-from stiction.engines.isolation import Isolate, Outcome, Task
-from stiction.scenes import Scene, Trajectory, vary
+from stiction.engines.isolation import Isolate, Outcome, Task, is_simulation
+from stiction.scenes import Trajectory, vary
 
 KERNEL, OTHERS = "calibration kernel [s]", "others [cores]"
 """Columns of `samples_table`."""
 
 
-def computation(engine: str, scene: Scene, arguments: Mapping[str, Any], run: Trajectory) -> str:
-    """Identity of a computation: engine, fidelity, scene, length, and the settings that the run states, without names.
+def computation(task: Task, run: Trajectory) -> str:
+    """Identity of a simulation: engine, fidelity, scene, length, and the settings that the run states, without names.
 
     The stabilization that a scene declares is left out where the run states its own. Output instants are no part of it:
     a timed run has none but start and end.
     """
+    engine, scene, arguments = task.args
     settings = {**run.settings, **{name: arguments[name] for name in ("dt", "rtol") if arguments.get(name) is not None}}
     content = vary(scene, {"stabilization": None}) if "stabilization" in settings else scene
     t_end = arguments.get("t_end") or scene.t_end
@@ -40,62 +40,46 @@ def call_of(task: Task) -> str:
 
 def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated: Isolate, timeout_s: float,
               on_result: Callable[[Outcome], None] | None = None) -> dict[str, Timing]:
-    """Time the runs that succeeded, by `computation`: in rounds, one run at a time.
+    """Time the simulations that succeeded, by `computation`: in `least` rounds at least, one run at a time.
 
-    Parameters
-    ----------
-    simulations
-        Tasks of `stiction.engines.isolation.simulation` and their outcomes. A computation of two of them is timed once.
-    least
-        Rounds at least.
-    isolated, timeout_s, on_result
-        As in `stiction.comparisons.campaigns.comparison.make`; a visit may take as long as a run.
+    Options are those of `stiction.comparisons.campaigns.comparison.make`; a visit may take as long as a run.
     """
     tasks: dict[str, Task] = {}
     runs: dict[str, Trajectory] = {}
     for task, outcome in simulations:
         if outcome.status == "ok":
-            engine, scene, arguments = task.args
-            key = computation(engine, scene, arguments, outcome.value)
+            key = computation(task, outcome.value)
             tasks.setdefault(key, Task(task.label, visit, task.args))
             runs.setdefault(key, outcome.value)
-    loads: list[float] = []
     failures: dict[str, str] = {}
+    rounds = count(1)
 
     def one_round(keys: Sequence[str]) -> dict[str, VisitTimes]:
-        before = load()
+        number, before = next(rounds), load()
         outcomes = isolated([tasks[key] for key in keys], workers=1, timeout_s=timeout_s, on_result=on_result)
-        loads.append(others(before, load()))
-        found = {}
-        for key, outcome in zip(keys, outcomes, strict=True):
-            if outcome.status == "ok":
-                found[key] = outcome.value
-            else:
-                failures[key] = f"round {len(loads)}: {outcome.status}: {outcome.reason}"
-        return found
+        cores = others(before, load())
+        made = dict(zip(keys, outcomes, strict=True))
+        failures.update({key: f"round {number}: {outcome.status}: {outcome.reason}"
+                         for key, outcome in made.items() if outcome.status != "ok"})
+        return {key: replace(outcome.value, others=cores) for key, outcome in made.items() if key not in failures}
 
     samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least)
-    return {key: Timing(runs[key], tuple(found), tuple(loads[:len(found)]), failures.get(key, ""))
-            for key, found in samples.items()}
+    return {key: Timing(runs[key], tuple(found), failures.get(key, "")) for key, found in samples.items()}
 
 
-def timed(task: Task, outcome: Outcome, times: Mapping[str, Timing], budget_s: float) -> Outcome:
-    """Replace a simulation by its `Timing`: without samples for a step beyond `budget_s` of its refinement series."""
-    if outcome.status != "ok":
+def with_time(task: Task, outcome: Outcome, times: Mapping[str, Timing], budget_s: float | None) -> Outcome:
+    """Give a simulation that succeeded the medians of its computation as its cost; nan where it was not timed alone.
+
+    With a budget its value becomes its `Timing`: without samples for a step beyond `budget_s` of its refinement series.
+    """
+    if outcome.status != "ok" or not is_simulation(task):
         return outcome
-    reason = f"not timed: the rounds of its refinement series, up to this step, take more than {budget_s:g} s"
-    untimed = Timing(outcome.value, reason=reason)
-    engine, scene, arguments = task.args
-    timing = times.get(computation(engine, scene, arguments, outcome.value), untimed)
-    return replace(outcome, value=replace(timing, trajectory=with_cost(outcome.value, timing)))
-
-
-def with_cost(run: Trajectory, timing: Timing | None) -> Trajectory:
-    """Return a run with the medians of its timing as its cost; nan where it was not timed alone."""
-    samples = timing.samples if timing is not None else ()
-    setup, stepping, own = (median(getattr(sample, name) for sample in samples) if samples else np.nan
-                            for name in ("setup_s", "stepping_s", "own_s"))
-    return replace(run, cost=replace(run.cost, setup_s=setup, stepping_s=stepping, engine_s=own))
+    reason = f"not timed: the rounds of its refinement series, up to this step, take more than {budget_s:g} s" \
+        if budget_s is not None else ""
+    timing = times.get(computation(task, outcome.value), Timing(outcome.value, reason=reason))
+    setup, stepping, own = (timing.interval(name).value for name in ("setup_s", "stepping_s", "own_s"))
+    run = replace(outcome.value, cost=replace(outcome.value.cost, setup_s=setup, stepping_s=stepping, engine_s=own))
+    return replace(outcome, value=run if budget_s is None else replace(timing, trajectory=run))
 
 
 def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:
@@ -105,11 +89,12 @@ def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:
     [s]`` and `OWN_CPU` as in the tables of runs; ``calibration kernel [s]``; ``others [cores]``: kept busy by other
     work.
     """
-    rows = [{"key": key, "round": number, "runs": sample.runs, "set-up [s]": sample.setup_s,
-             "cpu [s]": sample.stepping_s, OWN_CPU: sample.own_s, KERNEL: sample.kernel_s, OTHERS: cores}
+    columns = {"runs": "runs", "setup_s": "set-up [s]", "stepping_s": "cpu [s]", "own_s": OWN_CPU, "kernel_s": KERNEL,
+               "others": OTHERS}
+    rows = [(key, number, *(getattr(sample, name) for name in columns))
             for key, timing in timings.items() if timing is not None
-            for number, (sample, cores) in enumerate(zip(timing.samples, timing.others, strict=True), 1)]
-    return pd.DataFrame(rows, columns=["key", "round", "runs", "set-up [s]", "cpu [s]", OWN_CPU, KERNEL, OTHERS])
+            for number, sample in enumerate(timing.samples, 1)]
+    return pd.DataFrame(rows, columns=["key", "round", *columns.values()])
 
 
 def machine_while_timing(samples: pd.DataFrame) -> dict[str, Any]:

@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.comparisons.atomic_files import NotWritten, whole_file, write_text
-from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, write_baseline
 from stiction.comparisons.complementarity.problems import STORED
 from stiction.reports import REPORT, FolderRefused, check_folder
 from stiction.reports.figures.style import Drawing, rc, save
@@ -73,11 +72,8 @@ def test_a_full_disk_names_the_file_and_leaves_the_old_one(tmp_path):
         partial.write_text("ne")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     assert content(tmp_path) == {"a.txt": b"old"}
-
-
-def test_a_baseline_in_a_folder_that_is_gone(tmp_path):
     with pytest.raises(NotWritten, match="No such file or directory"):
-        write_baseline(Baseline(format=FORMAT), tmp_path / "gone" / "baseline.toml")
+        write_text(tmp_path / "gone" / "a.txt", "new")
 
 
 def test_run_on_a_full_disk_keeps_the_old_file_and_shows_the_result(tmp_path, full_disk, in_this_process):

@@ -8,7 +8,6 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
-from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.comparison import Comparison, records_comparison
 from stiction.comparisons.campaigns.participants import cost_variants, threshold_variants, variants
 from stiction.comparisons.campaigns.validation import _Watch
@@ -21,9 +20,6 @@ from stiction.comparisons.timing.timed_runs import call_of
 from stiction.comparisons.variants import COMMON_STEP, job
 from stiction.engines import Outcome, Task
 from stiction.scenes import load_scene
-
-EXTENT = ('limit = 1\nbracket = 1e-3\nrepeats = 1\nladder = 1\nsensitivity = false\nequal_error = false\n'
-          'settings = false\ntrajectories = "all"\n')
 
 
 @pytest.mark.parametrize("ways", [variants, cost_variants, threshold_variants])
@@ -59,8 +55,6 @@ def test_a_step_of_the_cost_ladder_that_is_compared_too_is_run_once(depth):
 def test_each_depth_has_the_hard_cases_of_the_one_before():
     quick, default, full = ({case.name for case in hard_cases(depth)} for depth in Depth)
     assert quick < default < full
-    assert all(one.reaches(other) == (list(Depth).index(one) >= list(Depth).index(other)) for one in Depth
-               for other in Depth)
 
 
 def test_the_default_leaves_out_rungs_and_no_variant():
@@ -84,18 +78,6 @@ def test_rungs_down_to_the_finest(rungs, finest, parameter):
     assert found == ladder[:len(found)] and down_to(ladder, parameter, {}) == ladder  # the coarse part of it
     finer = [rung > finest if parameter == "iterations" else rung < finest for rung in ladder]
     assert finer == [False] * len(found) + [True] * (len(ladder) - len(found))
-
-
-@pytest.mark.parametrize(("text", "words"), [
-    ("[depths.deep]\n" + EXTENT, "deep"), ("[depths.quick]\n" + EXTENT + "longest = 1\n", "unknown key"),
-    ("[depths.quick]\n" + EXTENT.replace("limit = 1", "limit = 0"), "limit: found 0"),
-    ("[depths.quick]\n" + EXTENT + "runs = { dt = -1 }\n", "runs.dt: found -1"),
-    ("[depths.quick]\n" + EXTENT.replace("all", "some"), "trajectories: found 'some'")])
-def test_bad_depths(tmp_path, text, words):
-    (tmp_path / "campaign.toml").write_text(
-        f'scenes = ["pendulum"]\n[variants.mine]\nengine = "reference"\ndt = [1e-2]\n{text}')
-    with pytest.raises(CampaignError, match=words):
-        load_campaign(tmp_path / "campaign.toml")
 
 
 def test_one_depth_at_a_time():

@@ -62,16 +62,11 @@ def test_nothing_stale_is_taken_over(tmp_path, monkeypatch):
     assert taken_over(vary(scene, {"t_end": 1.0}), {"dt": 1e-2}) == 0
     assert taken_over(scene, {"dt": 1e-3}) == 0
     assert taken_over(scene, {"dt": 1e-2}, timeout_s=601.0) == 0
+    assert run(tmp_path / "twice", [Task("note", note, (calls,))] * 2, made_by=called_here)[1] == 0
     monkeypatch.setattr(digest, "source_digest", lambda: "another code")
     assert taken_over(scene, {"dt": 1e-2}) == 0
     monkeypatch.setattr(digest, "engine_identity", lambda name: [name, "another version"])
     assert taken_over(scene, {"dt": 1e-2}) == 0
-
-
-def test_the_same_task_twice_is_run_twice(tmp_path):
-    calls = tmp_path / "calls"
-    run(tmp_path / "out", [Task("note", note, (str(calls),))] * 2, made_by=called_here)
-    assert calls.read_text() == "xx"
 
 
 def test_an_interrupt_leaves_the_rest_as_not_run(tmp_path):
@@ -131,9 +126,8 @@ def test_an_interrupt_is_noted_where_nobody_reads_standard_error(tmp_path, monke
             broken.close()
 
 
-@pytest.mark.parametrize(("same_signal_s", "second", "raised"),
-                         [(600.0, signal.SIGTERM, None), (600.0, signal.SIGINT, KeyboardInterrupt),
-                                                                 (-1.0, signal.SIGTERM, Terminated)])
+@pytest.mark.parametrize(("same_signal_s", "second", "raised"), [
+    (600.0, signal.SIGTERM, None), (600.0, signal.SIGINT, KeyboardInterrupt), (-1.0, signal.SIGTERM, Terminated)])
 def test_a_signal_that_comes_twice_at_once_is_one(same_signal_s, second, raised, interruptible, monkeypatch):
     monkeypatch.setattr(exit_codes, "SAME_SIGNAL_S", same_signal_s)
     before, taken = signal.signal(signal.SIGTERM, exit_codes.terminate), []
@@ -178,16 +172,13 @@ def test_a_full_disk_ends_the_campaign_with_the_name_of_the_file(tmp_path):
             runs.isolate([Task("large", bytes, (10 ** 6,))], timeout_s=600, made_by=called_here)
 
 
-def test_another_process_at_the_same_folder_is_refused(tmp_path):
+def test_a_file_that_another_process_writes_to_and_one_that_is_no_database_are_refused(tmp_path):
     with kept_runs(tmp_path / "out", ENGINES) as runs:
         runs.isolate([FAIL], timeout_s=600, made_by=called_here)
         with pytest.raises(KeptRefused, match="another process writes to it"), kept_runs(tmp_path / "out", ENGINES):
             pass
-
-
-def test_a_file_that_is_no_database_is_named(tmp_path):
-    kept_file(tmp_path / "out").write_text("not a database" * 100)
-    with pytest.raises(KeptRefused, match="not a database; delete it"), kept_runs(tmp_path / "out", ENGINES):
+    kept_file(tmp_path / "text").write_text("not a database" * 100)
+    with pytest.raises(KeptRefused, match="not a database; delete it"), kept_runs(tmp_path / "text", ENGINES):
         pass
 
 

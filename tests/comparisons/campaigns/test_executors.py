@@ -32,11 +32,6 @@ def kill_the_worker(after: str) -> None:
     os.kill(multiprocessing.parent_process().pid, signal.SIGKILL)
 
 
-def test_runs_are_made_in_children_of_this_process_unless_asked_otherwise():
-    with open_isolate() as isolated:
-        assert isolated is isolate
-
-
 def test_what_is_timed_stays_here():
     asked = {"elsewhere": [], "here": []}
 

@@ -49,30 +49,16 @@ def test_pandas_reads_it_in_one_line(file):
     assert frame["reason"][2] == "SIGSEGV" and set(frame["night"]) == {night} and set(frame["verdict"]) == {"fine"}
 
 
-def test_rows_come_back_as_they_went_in(file):
+def test_rows_come_back_as_they_went_in_each_once_and_whole(file):
     with open_history(file) as history:
         night = history.begin("c", "digest", origin())
         history.append(night, FALL)
         history.append(night, LOST)
+        number_twice = replace(FALL, key="ball/other/dt=0.1", metrics=(*FALL.metrics, FALL.metrics[0]))
+        for row in (replace(FALL, reason="again"), number_twice):
+            with pytest.raises(sqlite3.IntegrityError):
+                history.append(night, row)
         assert history.rows(night) == [FALL, LOST]
-
-
-def test_a_run_is_in_a_night_once(file):
-    with open_history(file) as history:
-        night = history.begin("c", "digest", origin())
-        history.append(night, FALL)
-        with pytest.raises(sqlite3.IntegrityError):
-            history.append(night, replace(FALL, reason="again"))
-        assert history.rows(night) == [FALL]
-
-
-def test_a_row_whose_numbers_cannot_be_written_is_not_there_at_all(file):
-    twice = replace(FALL, metrics=(*FALL.metrics, FALL.metrics[0]))
-    with open_history(file) as history:
-        night = history.begin("c", "digest", origin())
-        with pytest.raises(sqlite3.IntegrityError):
-            history.append(night, twice)
-        assert history.rows(night) == []
 
 
 def test_a_night_that_was_cut_off_is_resumed_unless_something_changed(file):
@@ -119,22 +105,17 @@ def test_first_night_of_a_run(file):
         assert history.first(FALL.identity, nights[2]) is None and history.first("another", nights[4]) is None
 
 
-@pytest.mark.parametrize("content", [b"", b"not a database at all, but long enough to be taken for one" * 20],
-                         ids=["empty", "text"])
-def test_something_else_is_refused(file, content):
-    file.write_bytes(content)
-    with pytest.raises(HistoryRefused, match="expected a history"), open_history(file, write=False):
-        pass
-    assert file.read_bytes() == content
-
-
-def test_history_of_another_format_and_a_folder_are_refused(file, tmp_path):
-    with closing(sqlite3.connect(file)) as connection:
+def test_something_else_is_refused(file, tmp_path):
+    for content in (b"", b"not a database at all, but long enough to be taken for one" * 20):
+        file.write_bytes(content)
+        with pytest.raises(HistoryRefused, match="expected a history"), open_history(file, write=False):
+            pass
+        assert file.read_bytes() == content
+    with closing(sqlite3.connect(tmp_path / "of another format")) as connection:
         connection.executescript("CREATE TABLE nights (night TEXT); PRAGMA user_version = 99;")
-    with pytest.raises(HistoryRefused, match="format 99"), open_history(file):
-        pass
-    with pytest.raises(HistoryRefused, match="found a folder"), open_history(tmp_path, write=False):
-        pass
+    for path, words in ((tmp_path / "of another format", "format 99"), (tmp_path, "found a folder")):
+        with pytest.raises(HistoryRefused, match=words), open_history(path):
+            pass
 
 
 SLEEPER = """

@@ -1,8 +1,8 @@
 """Distances between nonsmooth motions, each with its numerical uncertainty.
 
 The sup norm of a quantity that jumps is O(1) as soon as a jump is shifted by dt, however small; it is kept for
-positions and velocities at given instants. Quantities that jump have the L1 norm over time, O(dt), and the Hausdorff
-distance between graphs, O(dt) with jumps drawn as vertical lines. Events are compared by kind and time.
+positions and velocities at given instants. Quantities that jump have the L1 norm over time, O(dt). Events are compared
+by kind and time.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial import cKDTree
 
 from stiction.comparisons.uncertain import Uncertain
 from stiction.scenes import Event
@@ -87,36 +86,6 @@ def sup_at(t: np.ndarray, a: np.ndarray, b: np.ndarray, uncertainty: float = 0.0
         raise ValueError(f"found shapes {t.shape}, {a.shape}, {b.shape}; expected one value of each per instant")
     size = float(np.max(np.abs(a)) + np.max(np.abs(b)))
     return Uncertain(float(np.max(np.abs(a - b))), uncertainty + np.finfo(float).eps * size)
-
-
-def hausdorff(a: Graph, b: Graph, time_scale: float = 1.0, value_scale: float = 1.0, points: int = 20_000) -> Uncertain:
-    """Return the Hausdorff distance between the graphs in the plane (t / time_scale, value / value_scale).
-
-    The largest Euclidean distance from a point of either curve to the other curve. With both scales 1 a shift of a
-    jump by dt gives at most dt. Both curves, vertical jumps included, are sampled at equal distances; the
-    uncertainty is the spacing (each curve has a sample within half of it) plus the interpolation error of the graphs.
-    `points` is the number of samples per curve.
-    """
-    if not (time_scale > 0 and value_scale > 0 and points >= 2):
-        raise ValueError(f"found scales {time_scale:g}, {value_scale:g}, {points} points; "
-                         "expected positive scales, points >= 2")
-    curves, spacing, unsure = [], 0.0, 0.0
-    for graph in (a, b):
-        curve, gap = _densified(graph.t / time_scale, graph.values / value_scale, points)
-        curves.append(curve)
-        spacing, unsure = max(spacing, gap), unsure + float(np.max(graph.interpolation_error)) / value_scale
-    value = max(float(np.max(cKDTree(other).query(curve, workers=-1)[0])) for curve, other in (curves, curves[::-1]))
-    return Uncertain(value, spacing + unsure)
-
-
-def _densified(t: np.ndarray, values: np.ndarray, points: int) -> tuple[np.ndarray, float]:
-    """Points of the broken line, its corners among them, and the largest gap between neighbours."""
-    lengths = np.hypot(np.diff(t), np.diff(values))
-    along = np.append(0.0, np.cumsum(lengths))
-    where = np.union1d(along, np.linspace(0.0, along[-1], points))
-    keep = np.append(True, lengths > 0)
-    curve = np.stack([np.interp(where, along[keep], t[keep]), np.interp(where, along[keep], values[keep])], axis=1)
-    return curve, float(np.max(np.diff(where)))
 
 
 def value_at(graph: Graph, t: np.ndarray, side: str) -> np.ndarray:

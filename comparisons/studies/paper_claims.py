@@ -26,8 +26,8 @@ from stiction.comparisons.measures.drift_growth import BOUNDED, INCONCLUSIVE, RO
 from stiction.comparisons.measures.steady_stretch import Stretch, run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.presentation import Column, Presentation, TracedText, count, listed, traced, view
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.stabilization_drift import (LENGTHS, NONE, PAPERS, decisive_runs,
-                                                              drift_study_comparison, longest)
+from stiction.comparisons.studies.stabilization_drift import (LENGTHS, NONE, PAPERS, Law, decisive_runs,
+                                                              drift_study_comparison)
 from stiction.comparisons.studies.stick_threshold import STUDY as THRESHOLD_STUDY
 from stiction.comparisons.studies.stick_threshold import TRUTH
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -186,15 +186,15 @@ def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
             for entry in _QUOTED["drift_claim"]]
 
 
-def _drift_row(runs: Sequence[Mapping[Any, Any]], words: str, stabilized: bool, allowed: Sequence[str],
+def _drift_row(found: Sequence[tuple[Mapping[Any, Any], Law]], words: str, stabilized: bool, allowed: Sequence[str],
                margin: str) -> dict[str, Any]:
-    laws = [longest(run) for run in runs]
+    runs, laws = [run for run, _ in found], [law for _, law in found]
     held = [law in allowed for law, *_ in laws if law != INCONCLUSIVE]  # a run that is too short decides nothing
     said = UNDECIDED if not held else HOLDS if all(held) else PARTLY if any(held) else FAILS
     row: dict[str, Any] = {
         "case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": said, "margin is": margin,
         "truth tier": "closed form",
-        "found, HLCP, from the start": "; ".join(map(_law_in_words, runs)) or "no run",
+        "found, HLCP, from the start": "; ".join(_law_in_words(*each) for each in found) or "no run",
         "runs of the study": "; ".join(run["run"] for run in runs)}
     margins = [1 - spread if stabilized else exponent - half for law, exponent, half, spread, _ in laws
                if law not in (ROUNDED, INCONCLUSIVE)]
@@ -207,8 +207,8 @@ def _drift_row(runs: Sequence[Mapping[Any, Any]], words: str, stabilized: bool, 
     return row
 
 
-def _law_in_words(run: Mapping[str, Any]) -> str:
-    law, exponent, half, _, length = longest(run)
+def _law_in_words(run: Mapping[Any, Any], of_growth: Law) -> str:
+    law, exponent, half, _, length = of_growth
     words = f"{1e3 * run['step']:g} ms: {law} over {length:g} s"
     if law in (ROUNDED, BOUNDED):
         return words

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -97,24 +97,8 @@ def value_at(graph: Graph, t: np.ndarray, side: str) -> np.ndarray:
     return graph.values[right - 1] + share * (graph.values[right] - graph.values[right - 1])
 
 
-class Happening(Protocol):
-    """An event as far as it is matched."""
-
-    @property
-    def time(self) -> float: ...
-
-    @property
-    def kind(self) -> str: ...
-
-    @property
-    def joint(self) -> str: ...
-
-
-Expected = TypeVar("Expected", bound=Happening)
-
-
 @dataclass(frozen=True)
-class EventComparison(Generic[Expected]):
+class EventComparison:
     """Comparison of the events found with the true ones.
 
     Attributes
@@ -127,15 +111,17 @@ class EventComparison(Generic[Expected]):
         Largest |time error| of the matched (nan without any), with the uncertainty given for the times.
     """
 
-    matched: tuple[tuple[Expected, Event], ...]
-    missed: tuple[Expected, ...]
+    matched: tuple[tuple[Any, Event], ...]
+    missed: tuple[Any, ...]
     spurious: tuple[Event, ...]
     time_error: Uncertain
 
 
-def match_events(true: Sequence[Expected], found: Sequence[Event], window: float,
-                 uncertainty: float = 0.0) -> EventComparison[Expected]:
+def match_events(true: Sequence[Any], found: Sequence[Event], window: float,
+                 uncertainty: float = 0.0) -> EventComparison:
     """Match events of the same kind and joint whose times (s) differ by no more than the window.
+
+    The true ones are anything with a time, a kind and a joint.
 
     The matching has as many pairs as possible and, among those, the smallest sum of time errors (assignment problem).
     """

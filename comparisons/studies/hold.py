@@ -24,8 +24,7 @@ from stiction.comparisons.campaigns.participants import REFERENCE, variants
 from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.measures.published_creep import CREEP as OURS
-from stiction.comparisons.measures.published_creep import (MATCHED, PUBLISHED, UNCERTAINTY, published_creep_task,
-                                                           published_engine)
+from stiction.comparisons.measures.published_creep import ENGINE, MATCHED, PUBLISHED, UNCERTAINTY, published_creep
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.methods import at_equal_step, called, rank, succeeded, with_columns
 from stiction.comparisons.presentation import (CHOSEN, NAME, OTHER, Axis, Chart, Column, Headline, Number, Panel,
@@ -235,8 +234,8 @@ def plan(scope: Scope) -> Comparison[Tables]:
     tasks = [Task(trial.key, measured, (trial.variant.engine, trial.scene, trial.test, {
         trial.variant.parameter: trial.step, "fidelity": trial.variant.fidelity, **trial.variant.settings},
         any(trial.tried))) for trial in trials]
-    taking_part = {variant.engine for _, variant, _, _ in ways}
-    published = [published_creep_task()] if moved and not one and published_engine() in taking_part else []
+    is_published = moved and not one and any(variant.engine == ENGINE for _, variant, _, _ in ways)
+    published = [Task("hold/published creep", published_creep)] if is_published else []
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
         known, runs = dict(zip(truths, outcomes)), outcomes[len(truths):len(truths) + len(trials)]

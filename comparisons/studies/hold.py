@@ -467,14 +467,11 @@ def _speed(name: str, table: pd.DataFrame, label: Any) -> Number:
 def _speeds(methods: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
     """The slowest and the fastest of those that creep, and the number of those that let go."""
     creeping, gone = failing[~failing[LETS_GO].eq(True)], failing[failing[LETS_GO].eq(True)]
-    let_go = traced("; {} let go", count("hold-methods", methods, variant=frozenset(gone["variant"])))
-    if creeping.empty:
-        return let_go if len(gone) else TracedText("")
     ends = [traced("{} at {} m/s", called(creeping.at[label, "variant"]), _speed("hold-methods", methods, label))
-            for label in dict.fromkeys((creeping.index[0], creeping.index[-1]))]
-    creep = traced("; {} creep, {}", count("hold-methods", methods, variant=frozenset(creeping["variant"])),
-                   listed(ends, last=" to "))
-    return traced("{}{}", creep, let_go) if len(gone) else creep
+            for label in dict.fromkeys((*creeping.index[:1], *creeping.index[-1:]))]
+    creep, let_go = (count("hold-methods", methods, variant=frozenset(rows["variant"])) for rows in (creeping, gone))
+    return traced("{}{}", sentence("; {} creep, {}", creep, listed(ends, last=" to ")),
+                  traced("; {} let go", let_go) if len(gone) else "")
 
 
 def _named(ranked: pd.DataFrame, failing: pd.DataFrame) -> TracedText:

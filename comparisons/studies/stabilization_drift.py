@@ -241,9 +241,9 @@ def decisive_runs(table: pd.DataFrame, scene: str, choice: Choice) -> list[tuple
     found = []
     for run in table[decisive & (table["choice"] == choice.label)].to_dict("records"):
         length = max(length for length in LENGTHS if isinstance(run.get(f"growth, {length:g} s"), str))
-        numbers = (run[f"{name}, {length:g} s [-]"] for name in (
+        exponent, interval, spread = (run[f"{name}, {length:g} s [-]"] for name in (
             "exponent of growth", "interval of the exponent", "spread, of a random walk's"))
-        found.append((run, Law(run[f"growth, {length:g} s"], *numbers, length)))
+        found.append((run, Law(run[f"growth, {length:g} s"], exponent, interval, spread, length)))
     return found
 
 

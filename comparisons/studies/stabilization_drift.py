@@ -192,7 +192,6 @@ def drift_run(long: LongRun) -> DriftRun:
             octaves = law.octaves
             row |= {f"growth, {length:g} s": law.verdict, f"exponent of growth, {length:g} s [-]": law.exponent,
                     f"interval of the exponent, {length:g} s [-]": law.uncertainty,
-                    f"above rounding until, {length:g} s [s]": law.until,
                     f"spread, of a random walk's, {length:g} s [-]": law.spread}
     found = errors(simulate(SHORT, 1e-2), slider_bar_truth(scene, SHORT), size_of(scene))
     return row | {name: found.get(name) for name in (ERROR, "position uncertainty [m]")}, octaves

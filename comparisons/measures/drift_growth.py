@@ -23,9 +23,9 @@ class Growth:
     Attributes
     ----------
     exponent, uncertainty : float
-        Least squares in logarithms, and half its interval of `CONFIDENCE` by Student's distribution; nan where there
-        are too few octaves. The interval holds as often as it says if octaves scatter independently. Those of the
-        random walk of a rate, ~ time^(3/2), do not: there it holds in three of four.
+        Least squares in logarithms of the octaves above rounding, and half its interval of `CONFIDENCE` by Student's
+        distribution; nan where they are too few. The interval holds as often as it says if octaves scatter
+        independently. Those of the random walk of a rate, ~ time^(3/2), do not: there it holds in three of four.
     spread : float
         Logarithm of the largest octave over the smallest, in units of its lower limit for a random walk: `walk_spread`.
     verdict : str

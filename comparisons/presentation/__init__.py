@@ -9,5 +9,5 @@ from stiction.comparisons.presentation.traced_text import (Number, Part, TracedT
 
 __all__ = ["ANSWER_LENGTH", "BETTER", "CHOSEN", "LIMIT", "OTHER", "TRUTH", "Axis", "Chart", "Column", "Figure",
            "Headline", "HeatMap", "MechanismPicture", "Number", "Panel", "Part", "Presentation", "Series", "TableView",
-           "TracedText", "count", "interval", "joined", "length", "listed", "ratio", "scaled_value", "sentence", "short",
-           "traced", "value", "view"]
+           "TracedText", "count", "interval", "joined", "length", "listed", "ratio", "scaled_value", "sentence",
+           "short", "traced", "value", "view"]

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from stiction.comparisons.measures.distances import Graph, hausdorff, l1, match_events, sup_at, value_at
+from stiction.comparisons.measures.distances import Graph, l1, match_events, value_at
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.uncertain import Uncertain
 from stiction.reference_impl.multibody.mechanism import Mechanism
@@ -36,9 +35,8 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
     """Return the errors of one run; empty values where there is no run, or no truth (`truth note` says why).
 
     Position and velocity errors are the largest over all bodies and output times (both are continuous). The efforts of
-    drives jump: their error is the mean of |error| over time, and the Hausdorff distance of the graphs, time in
-    seconds, effort in units of its range. They are empty where guides at rest leave an effort open. The time covered
-    is stated, also of a run that ended early.
+    drives jump: their error is the mean of |error| over time, the largest of all drives; empty where guides at rest
+    leave an effort open. The time covered is stated, also of a run that ended early.
 
     Parameters
     ----------
@@ -55,7 +53,7 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
     for label, suffixes, unit in (("position", ("x", "y"), "m"), ("velocity", ("vx", "vy"), "m/s")):
         names = [name for name in exact if name.rpartition(".")[2] in suffixes and name in trajectory]
         if names:
-            error = max(sup_at(t, trajectory[name], exact[name]).value for name in names)
+            error = max(float(np.max(np.abs(trajectory[name] - exact[name]))) for name in names)
             reach = max(size, *(float(np.max(np.abs(exact[name]))) for name in names))
             if label == "position" and not error <= reach:
                 stopped = "" if trajectory.termination == "end" else f"; {trajectory.termination}"
@@ -63,20 +61,11 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
                                                           f"motion measure {reach:.2g} m{stopped}"}
             row[f"{label} error [{unit}]"] = error
             row[f"{label} uncertainty [{unit}]"] = max(truth.uncertainty.get(name, 0.0) for name in names)
-    return row | _effort_errors(trajectory, truth, exact) | _event_errors(trajectory, truth)
-
-
-def _effort_errors(trajectory: Trajectory, truth: Truth, exact: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Errors of the effort with the largest mean error."""
     efforts = [name for name in exact if name.endswith(".effort") and is_known(trajectory, name)]
-    means = {name: effort_error(trajectory, truth, name) for name in efforts}
-    if not means:
-        return {}
-    name, mean = max(means.items(), key=lambda item: item[1].value)
-    true = truth_graph(truth, name, trajectory.t)
-    distance = hausdorff(graph(trajectory, name), true, 1.0, float(np.ptp(true.values)) or 1.0)
-    return {TORQUE_ERROR: mean.value, "torque uncertainty [N m]": mean.uncertainty,
-            "torque Hausdorff distance [-]": distance.value, "torque Hausdorff uncertainty [-]": distance.uncertainty}
+    if efforts:
+        mean = max((effort_error(trajectory, truth, name) for name in efforts), key=lambda error: error.value)
+        row |= {TORQUE_ERROR: mean.value, "torque uncertainty [N m]": mean.uncertainty}
+    return row | _event_errors(trajectory, truth)
 
 
 def missed(kind: str) -> str:
@@ -90,10 +79,10 @@ def _event_errors(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
         return {}
     true = [event for event in truth.events if event.time <= trajectory.t[-1]]
     found = [event for event in trajectory.events if truth.guides is None or event.joint in truth.guides]
-    matched = match_events(true, found, EVENT_WINDOW, truth.uncertainty.get("event time", 0.0))
+    matched = match_events(true, found, EVENT_WINDOW)
     absent, kinds = Counter(event.kind for event in matched.missed), {event.kind for event in true}
-    return {"event time error [s]": matched.time_error.value,
-            "event time uncertainty [s]": matched.time_error.uncertainty,
+    return {"event time error [s]": matched.time_error,
+            "event time uncertainty [s]": truth.uncertainty.get("event time", 0.0),
             "events matched": len(matched.matched), "events missed": len(matched.missed),
             "events spurious": len(matched.spurious), **{missed(kind): absent[kind] for kind in KINDS if kind in kinds}}
 

@@ -15,7 +15,7 @@ from stiction.comparisons.measures.accuracy import EVENT_WINDOW, KINDS, TORQUE_E
 from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.methods import (Method, called, case_of, drawn_runs, grouped_methods, groups, known_of,
                                           made_methods, methods, same_work, title_of, with_columns)
-from stiction.comparisons.presentation import (LIMIT, NAME, Axis, Chart, Column, Headline, Number, Panel, Presentation,
+from stiction.comparisons.presentation import (LIMIT, Axis, Chart, Column, Headline, Number, Panel, Presentation,
                                                Series, TableView, TracedText, count, joined, length, listed, sentence,
                                                traced, value, view)
 from stiction.comparisons.presentation.cells import setting_of
@@ -131,7 +131,7 @@ def _closest(results: Results, table: pd.DataFrame, found: Mapping[str, Method])
         best = [method for method in others if not differ(table, others[0].worst_row, method.worst_row)]
         row, reached = best[0].worst_row, _reached(table, best[0])
         if table["scene"].nunique() > 1:
-            case = Number(case_of(table.at[row, "scene"]), "accuracy", "scene", NAME, (row + 1,))
+            case = Number(case_of(table.at[row, "scene"]), "accuracy", "scene", (row + 1,))
             reached = traced("{} in {}", reached, case)
         names = listed([called(method.variant, fidelity=False) for method in best])
         heading = name[:1].upper() + name[1:]

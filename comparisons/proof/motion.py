@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import ceil, log10
-from typing import Any, Generic
 
 from flint import arb, arb_mat
 
 from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.series import TooLong, halves, identity
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import AMode, Next, ProvableMechanism
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
 from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
@@ -30,10 +29,10 @@ _LONGEST = 0.5
 
 
 @dataclass(frozen=True)
-class ProvenMotion(Generic[AMode]):
+class ProvenMotion:
     """A motion by its steps; its balls keep their width only at the precision of their making."""
 
-    mechanism: ProvableMechanism[AMode, Any]
+    mechanism: ProvableMechanism
     precision: Precision
     steps: tuple[Step, ...]
     end: StateSet
@@ -44,7 +43,7 @@ class ProvenMotion(Generic[AMode]):
         return [event for step in self.steps for event in step.events]
 
     @property
-    def legs(self) -> list[Leg[AMode]]:
+    def legs(self) -> list[Leg]:
         """Legs of all steps, in order."""
         return [leg for step in self.steps for leg in step.legs]
 
@@ -78,8 +77,8 @@ class ProvenMotion(Generic[AMode]):
         return max((2 * x.rad() for x in ends), key=lambda ball: float(ball.upper()))
 
 
-def prove(mechanism: ProvableMechanism[AMode, Any], precision: Precision,
-          start: StateSet | None = None) -> ProvenMotion[AMode]:
+def prove(mechanism: ProvableMechanism, precision: Precision,
+          start: StateSet | None = None) -> ProvenMotion:
     """Enclose the motion from t = 0 to its end; from all states of `start` where that is given.
 
     Call it with `Precision.working`. Raises Undecided, with the time and the reason.

@@ -18,7 +18,6 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 from math import isinf
-from typing import Any, Generic
 
 import numpy as np
 from flint import arb, arb_mat, arb_poly
@@ -26,7 +25,7 @@ from flint import arb, arb_mat, arb_poly
 from stiction.comparisons.proof.enclosures.arc import Arc, partials_at
 from stiction.comparisons.proof.enclosures.series import TooLong, halves, identity, time_series, working
 from stiction.comparisons.proof.enclosures.zeros import Undecided, Zero, first_zero, newton
-from stiction.comparisons.proof.mechanisms.mechanism import AMode, Next, ProvableMechanism
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 
 _GRID = 2 ** 20
 """Steps end at multiples of 1/_GRID s."""
@@ -96,7 +95,7 @@ class ProvenEvent:
 
 
 @dataclass(frozen=True)
-class Leg(Generic[AMode]):
+class Leg:
     """A stretch within a step in one mode, from t on for `end` seconds.
 
     Polynomials in the time since t enclose the 2n components of the `state` and the columns of all `bodies`.
@@ -104,12 +103,12 @@ class Leg(Generic[AMode]):
 
     t: arb
     end: arb
-    mode: AMode
+    mode: Hashable
     state: list[arb_poly]
     bodies: dict[str, arb_poly]
 
     @classmethod
-    def of(cls, mechanism: ProvableMechanism[AMode, Any], arc: Arc, end: arb, mode: AMode) -> Leg[AMode]:
+    def of(cls, mechanism: ProvableMechanism, arc: Arc, end: arb, mode: Hashable) -> Leg:
         """The beginning of an arc."""
         def bodies(t, q, v, a):
             return {name: [column] for name, column in mechanism.bodies(t, q, v).items()}

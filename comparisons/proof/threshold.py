@@ -21,7 +21,7 @@ import numpy as np
 from flint import arb, arb_mat
 
 from stiction.comparisons.proof.enclosures import NotProven
-from stiction.comparisons.proof.enclosures.exact import Exact, ExactScene
+from stiction.comparisons.proof.enclosures.exact import Exact, exact_scene
 from stiction.comparisons.proof.enclosures.series import identity
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.motion import ProvenMotion, prove
@@ -137,8 +137,8 @@ def _at_amplitude(scene: Scene, F0: Fraction) -> Scene:
 def _mechanism(scene: Scene, F0: Fraction, count: int) -> SlidingMass:
     """The slider-bar over n = count common periods T of bar and load; raises NotProven where they have none."""
     loaded = _at_amplitude(scene, F0)
-    e, [drive], [load] = ExactScene(loaded), scene.drives, scene.forces
-    rate, frequency = e("drives", drive, "law", "rate"), e("forces", load, "law", "frequency")
+    numbers, [drive], [load] = exact_scene(loaded), scene.drives, scene.forces
+    rate, frequency = numbers.drives[drive].law.rate, numbers.forces[load].law.frequency
     ratio = (frequency / rate).factors
     if ratio is None or ratio[1] != 0:
         raise NotProven(f"{scene.name}: found frequencies {frequency.ball.str(10)} and {rate.ball.str(10)}; "

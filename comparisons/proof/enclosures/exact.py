@@ -161,27 +161,34 @@ def _exact(node: ast.expr, text: str, names: Mapping[str, Exact]) -> Exact:
     raise ValueError(f"found {ast.unparse(node)!r}; expected numbers, names, arithmetic and functions")
 
 
-class ExactScene:
-    """The numbers of a scene by where they stand, at the working precision."""
+class ExactPart:
+    """A part of a scene as its model has it, with exact numbers: those that are written, else the model's defaults."""
 
-    def __init__(self, scene: Scene):
-        self.scene = scene
-        self.parameters: dict[str, Exact] = {}
-        for name, value in scene._raw.get("parameters", {}).items():
-            self.parameters[name] = exact(value, self.parameters)
+    def __init__(self, written: Any, model: Any, parameters: Mapping[str, Exact]):
+        self._written, self._model, self._parameters = written, model, parameters
 
-    def __call__(self, *path: str | int) -> Exact:
-        """The number at a path such as ``("bodies", "bar", "mass")``; where the scene has none, the model's default."""
-        place: Any = self.scene._raw
+    def __getitem__(self, key: str | int) -> Any:
+        """Return a field or an item: a part, an exact number, or None where the scene has none."""
+        value = getattr(self._model, str(key)) if isinstance(self._model, Model) else self._model[key]
         try:
-            for key in path:
-                place = place[key]
-        except (KeyError, IndexError):
-            place = self.scene
-            for key in path:
-                place = getattr(place, key) if isinstance(key, str) and isinstance(place, Model) else place[key]
-        return exact(place, self.parameters)
+            written = self._written[key]
+        except (KeyError, IndexError, TypeError):
+            written = value
+        if isinstance(value, Model | Mapping | tuple):
+            return ExactPart(written, value, self._parameters)
+        return None if value is None else exact(written, self._parameters)
 
-    def vector(self, *path: str | int) -> tuple[Exact, Exact]:
-        """The two numbers at a path."""
-        return self(*path, 0), self(*path, 1)
+    __getattr__ = __getitem__
+
+
+def exact_parameters(scene: Scene) -> dict[str, Exact]:
+    """The parameters of a scene, at the working precision."""
+    found: dict[str, Exact] = {}
+    for name, value in scene._raw.get("parameters", {}).items():
+        found[name] = exact(value, found)
+    return found
+
+
+def exact_scene(scene: Scene) -> ExactPart:
+    """A whole scene with exact numbers, at the working precision."""
+    return ExactPart(scene._raw, scene, exact_parameters(scene))

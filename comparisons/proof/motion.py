@@ -11,7 +11,7 @@ from flint import arb, arb_mat
 from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.series import TooLong, halves, identity
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
+from stiction.comparisons.proof.mechanisms.mechanism import ProvableMechanism
 from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
 from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
@@ -96,7 +96,8 @@ def prove(mechanism: ProvableMechanism, precision: Precision,
                 raise Undecided(str(error), t) from error
             continue
         steps.append(step)
-        states, t, current = step.image(precision.margin), step.t1, Next(step.legs[-1].mode)
+        states = states.image(step.point, step.derivative, precision.margin)
+        t, current = step.t1, step.current
         growth = 0.9 * (precision.remainder / max(step.remainder, 1e-300)) ** (1 / precision.order)
         h = min(_LONGEST, h * min(1.5, growth))
     return ProvenMotion(mechanism, precision, tuple(steps), states)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from math import isinf
 
@@ -54,28 +54,34 @@ class StateSet:
 
     def contains(self, state: Sequence[arb]) -> bool:
         """Return whether a state is proven to be in the set."""
-        inside = self.frame.inv() * _column([x - c for x, c in zip(state, self.centre)])
-        return all(size.contains(inside[i, 0]) for i, size in enumerate(self.size))
+        return self._holds(self.frame.inv() * _column([x - c for x, c in zip(state, self.centre)]))
 
-    def image(self, point: list[arb], derivative: arb_mat) -> StateSet:
-        """The image under a map, from that of the centre and the derivatives, in a frame along its longest sides."""
+    def image(self, point: list[arb], derivative: arb_mat, margin: float = 0.0) -> StateSet:
+        """The image under a map, from that of the centre and the derivatives, in a frame along its longest sides.
+
+        It is wider by a thousandth and by a margin: to be proven again otherwise.
+        """
         spread = derivative * self.frame
         middle = np.array([[float(x.mid()) for x in row] for row in spread.tolist()])
         length = np.array([float(abs(r).upper()) for r in self.size])
         scaled = middle * (length / max(length.max(), 1e-300))
         order = np.argsort(-np.linalg.norm(scaled, axis=0), kind="stable")
-        turned = np.linalg.qr(middle[:, order])[0]
-        return self._within(point, spread, arb_mat(turned.tolist()), tuple(x.mid() for x in point))
+        frame, centre = arb_mat(np.linalg.qr(middle[:, order])[0].tolist()), tuple(x.mid() for x in point)
+        size = self._image_in(frame, centre, point, derivative)
+        return StateSet(centre, frame, tuple(_wider(size[i, 0], margin) for i in range(len(centre))))
 
-    def _within(self, point: list[arb], spread: arb_mat, frame: arb_mat, centre: tuple[arb, ...]) -> StateSet:
+    def image_lies_in(self, other: StateSet, point: list[arb], derivative: arb_mat) -> bool:
+        """Return whether the image under a map, as of `image`, is proven to be within a set."""
+        return other._holds(self._image_in(other.frame, other.centre, point, derivative))
+
+    def _image_in(self, frame: arb_mat, centre: Sequence[arb], point: list[arb], derivative: arb_mat) -> arb_mat:
+        """The size of the image in the coordinates of a set."""
         inverse = frame.inv()
-        size = inverse * spread * _column(self.size) + inverse * _column([x - c for x, c in zip(point, centre)])
-        return StateSet(centre, frame, tuple(size[i, 0] for i in range(len(point))))
+        return (inverse * (derivative * self.frame) * _column(self.size)
+                + inverse * _column([x - c for x, c in zip(point, centre)]))
 
-    def image_lies_in(self, point: list[arb], derivative: arb_mat, other: StateSet) -> bool:
-        """Return whether the image is proven to lie in another set."""
-        image = self._within(point, derivative * self.frame, other.frame, other.centre)
-        return all(outer.contains(inner) for outer, inner in zip(other.size, image.size))
+    def _holds(self, inside: arb_mat) -> bool:
+        return all(size.contains(inside[i, 0]) for i, size in enumerate(self.size))
 
 
 def _column(values: Sequence[arb]) -> arb_mat:
@@ -107,39 +113,6 @@ class Leg:
     state: list[arb_poly]
     bodies: dict[str, arb_poly]
 
-    @classmethod
-    def of(cls, mechanism: ProvableMechanism, arc: Arc, end: arb, mode: Hashable) -> Leg:
-        """The beginning of an arc."""
-        def bodies(t, q, v, a):
-            return {name: [column] for name, column in mechanism.bodies(t, q, v).items()}
-
-        columns = arc.functions(bodies, arc.fine)
-        return cls(arc.t, end, mode, arc.polynomials(arc.fine),
-                   {str(name): column for name, [column] in columns.items()})
-
-
-@dataclass(frozen=True)
-class Step:
-    """A motion from a set `start` at t0 to its image at t1, both exact (t1 at the end of the motion a ball).
-
-    `point` is the image of the set's centre, `derivative` the image's by the start, on the set; `remainder` is the
-    largest of its legs.
-    """
-
-    t0: arb
-    t1: arb
-    start: StateSet
-    point: list[arb]
-    derivative: arb_mat
-    events: list[ProvenEvent]
-    legs: list[Leg]
-    remainder: float
-
-    def image(self, margin: float) -> StateSet:
-        """A set around the image of `start`, wider by a thousandth and by `margin`: to be proven again otherwise."""
-        found = self.start.image(self.point, self.derivative)
-        return replace(found, size=tuple(_wider(size, margin) for size in found.size))
-
 
 def _wider(ball: arb, by: float) -> arb:
     return ball + (ball.rad() / 1000 + by) * arb(0, 1)
@@ -168,12 +141,17 @@ class Precision:
         return cls(int(3.33 * (digits + 12)) + 64, max(14, digits + 8), 10.0 ** -(digits + 8))
 
 
-class _Front:
-    """A step in progress: all solutions from a set up to an instant in a mode, and the one from the set's centre."""
+class Step:
+    """A motion from a set `start` at t0 to its image at t1, both exact (t1 at the end of the motion a ball).
 
-    def __init__(self, mechanism: ProvableMechanism, t: arb, start: StateSet, first: Next):
-        self.mechanism, self.current = mechanism, first
-        self.t = self.point_t = t
+    `point` is the image of the set's centre, `derivative` the image's by the start, on the set; `remainder` is the
+    largest of its legs. While the step is in progress these are at `t`, the centre's at `point_t`: all solutions from
+    the set are in `state`, in the mode `current`.
+    """
+
+    def __init__(self, mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Next):
+        self.mechanism, self.start, self.current = mechanism, start, first
+        self.t0 = self.t1 = self.t = self.point_t = t0
         self.state, self.point = start.hull(), list(start.centre)
         self.derivative = identity(len(self.state))
         self.events: list[ProvenEvent] = []
@@ -207,14 +185,16 @@ class _Front:
         else:
             tau = zero.tau
             point_tau = newton(arc.functions(guards, one)[zero.group][zero.function], tau)
-        self.legs.append(Leg.of(mechanism, arc, tau, mode))
+        columns = arc.functions(lambda *at: {name: [f] for name, f in mechanism.bodies(*at[:3]).items()}, arc.fine)
+        state = arc.polynomials(arc.fine)
+        self.legs.append(Leg(t, tau, mode, state, {name: column for name, [column] in columns.items()}))
         self.t, self.point_t = t + tau, self.point_t + point_tau
-        self.state = [f(tau) for f in arc.polynomials(arc.fine)]
+        self.state = [f(tau) for f in state]
         self.point = [f(point_tau) for f in arc.polynomials(one)]
         self.derivative = arc.jacobian(tau) * self.derivative
         self._hold()
         if zero is None:
-            self.current = Next(mode)
+            self.current, self.t1 = Next(mode), end
             return not reach < end
         self._change(zero, groups[zero.group][zero.function].derivative()(tau), precision.margin)
         return False
@@ -235,14 +215,14 @@ class _Front:
         """Change the mode where a guard is zero, with slope = dg/dt along the motion before."""
         if len(self.events) == _MOST_EVENTS:
             raise Undecided(f"more than {_MOST_EVENTS} changes of mode within a step", self.t)
-        mode, (q, v) = self.current.mode, halves(self.state)
-        self.current = self.mechanism.after(mode, zero.group, self.t, q, v)
+        mode = self.current.mode
+        self.current = self.mechanism.after(mode, zero.group, self.t, *halves(self.state))
         if not self.current.smooth:
             self.derivative = self._jump(mode, zero, slope) * self.derivative
         self._hold()
-        q, v = halves(self.state)
         joint = self.mechanism.event_joint(mode, self.current.mode)
-        self.events.append(ProvenEvent(_wider(self.t, margin), self.current.kind, joint, self.current.mode, q, v))
+        self.events.append(ProvenEvent(_wider(self.t, margin), self.current.kind, joint, self.current.mode,
+                                       *halves(self.state)))
 
     def _jump(self, mode: Hashable, zero: Zero, slope: arb) -> arb_mat:
         """S at the change from a mode to the current one."""
@@ -269,14 +249,14 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
 
     Raises TooLong where it gets no enclosure, Undecided where something is not proven.
     """
-    front = _Front(mechanism, t0, start, first)
+    step = Step(mechanism, t0, start, first)
     end = _grid(t0, h, mechanism.t_end) if t1 is None else t1
-    while not front.advance(end, precision, shorter=t1 is not None):
+    while not step.advance(end, precision, shorter=t1 is not None):
         if t1 is None:
-            end = _grid(front.t, h, mechanism.t_end)
-        elif not front.t < end:
-            raise Undecided("a change of mode at the end of a step", front.t)
-    return Step(t0, end, start, front.point, front.derivative, front.events, front.legs, front.remainder)
+            end = _grid(step.t, h, mechanism.t_end)
+        elif not step.t < end:
+            raise Undecided("a change of mode at the end of a step", step.t)
+    return step
 
 
 def _grid(t: arb, h: float, t_end: arb) -> arb:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from importlib import resources
 from pathlib import Path
@@ -25,24 +25,6 @@ class Contradiction(StictionError, AssertionError):
     """A truth in floats, or a threshold, that differs from what is proven by more than its uncertainty."""
 
 
-@dataclass(frozen=True)
-class Theorem:
-    """A stick phase at F0 = low and none at F0 = high (N), of a mechanism with any F0; the same in sentences."""
-
-    mechanism: SliderBar
-    low: Fraction
-    high: Fraction
-    sentences: tuple[str, ...]
-
-    @classmethod
-    def read(cls, certificate: Path) -> Theorem:
-        """Read the claims of a file."""
-        claims = json.loads(certificate.read_text(encoding="utf-8"))
-        mechanism = SliderBar.from_scene(scene_from_dict(tomllib.loads(claims["file"]), claims["scene"]))
-        low, high = (Fraction(claims[end]["F0 [N]"]) for end in ("low", "high"))
-        return cls(mechanism, low, high, tuple(claims["theorem"]))
-
-
 def certificates() -> list[Path]:
     """The files that come with the suite."""
     return sorted(DATA.glob("threshold-*.json"))
@@ -54,11 +36,14 @@ def with_theorem(scene: Scene, found: StickThreshold) -> StickThreshold:
     Raises Contradiction if it is not within the interval.
     """
     mechanism = SliderBar.from_scene(scene)
-    for theorem in map(Theorem.read, certificates()):
-        if replace(mechanism, F0=theorem.mechanism.F0) == theorem.mechanism:
-            middle, half = float((theorem.low + theorem.high) / 2), float(theorem.high - theorem.low) / 2
+    for file in certificates():
+        claims = json.loads(file.read_text(encoding="utf-8"))
+        proven = SliderBar.from_scene(scene_from_dict(tomllib.loads(claims["file"]), claims["scene"]))
+        if replace(mechanism, F0=proven.F0) == proven:
+            low, high = (Fraction(claims[end]["F0 [N]"]) for end in ("low", "high"))
+            middle, half = float((low + high) / 2), float(high - low) / 2
             if found.F0 is not None and not abs(found.F0 - middle) <= half + (found.uncertainty or 0.0):
                 raise Contradiction(f"{scene.name}: found the threshold {found.F0!r} +/- {found.uncertainty:.2g} N; "
                                     f"proven is {middle!r} +/- {half:.2g} N")
-            return replace(found, F0=middle, uncertainty=half, theorem=" ".join(theorem.sentences))
+            return replace(found, F0=middle, uncertainty=half, theorem=" ".join(claims["theorem"]))
     return found

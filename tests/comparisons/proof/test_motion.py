@@ -280,16 +280,16 @@ def test_rounding_left_out_is_noticed(monkeypatch):
     scene = load_scene("pendulum", {"t_end": 2})
     with bits(25):
         true = prove_scene(scene, 25).at(arb(2))[0][0]
-    within = StateSet._within
+    image = StateSet.image
 
     def thin(self, *arguments):
-        found = within(self, *arguments)
+        found = image(self, *arguments)
         return StateSet(found.centre, found.frame, tuple(arb(0) for _ in found.size))
 
     coarse = Precision(60, 20, 1e-14)
     with coarse.working():
         assert prove(Pendulum.from_scene(scene), coarse).end.hull()[0].contains(true)
-        monkeypatch.setattr(StateSet, "_within", thin)
+        monkeypatch.setattr(StateSet, "image", thin)
         monkeypatch.setattr(Precision, "margin", 0.0)
         assert not prove(Pendulum.from_scene(scene), coarse).end.hull()[0].overlaps(true)
 

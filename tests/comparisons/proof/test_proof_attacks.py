@@ -78,7 +78,7 @@ def test_motions_from_a_set_end_in_its_image(thin):
 
 
 def test_a_jump_left_out_of_the_derivative_is_noticed(thin, monkeypatch):
-    monkeypatch.setattr(step._Front, "_jump", lambda *arguments: step.identity(2))
+    monkeypatch.setattr(step.Step, "_jump", lambda *arguments: step.identity(2))
     with Precision.of(20).working():
         assert not set_of_starts().contains(thin)
 

@@ -16,7 +16,6 @@ from scipy.interpolate import BarycentricInterpolator
 
 from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation, Motion, NoMotion, integrate
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
-from stiction.comparisons.truth.reduced.slider_contact import Mode
 from stiction.comparisons.truth.truth import TruthRefused
 from stiction.scenes import InputError, Scene
 
@@ -49,7 +48,7 @@ class SteadyState:
     """
 
     periods: int
-    motion: Motion[Mode]
+    motion: Motion
     multipliers: tuple[complex, ...]
     residual: float
 
@@ -63,8 +62,8 @@ class SteadyState:
         return any(segment.mode[0] == 0 for segment in self.motion.segments)
 
 
-def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None) -> SteadyState:
-    """Find the periodic motion that is reached from `start` = (x, v) at t = 0, the mechanism's own where None.
+def steady_state(mechanism: SliderBar) -> SteadyState:
+    """Find the periodic motion that is reached from the mechanism's start.
 
     Raises
     ------
@@ -75,8 +74,7 @@ def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None)
     InputError
         If load and bar have no common period.
     """
-    state = np.array((mechanism.x, mechanism.v) if start is None else start, dtype=float)
-    orbit, next_try = [state], 0
+    orbit, next_try = [np.array([mechanism.x, mechanism.v], dtype=float)], 0
     for j in range(1, SETTLING + 1):
         motion = _period(mechanism, orbit[-1], 1)
         orbit.append(_end(motion))
@@ -96,7 +94,7 @@ def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None)
                         f"{mechanism.F0:.9g} N within {SETTLING} periods")
 
 
-def _period(mechanism: SliderBar, state: np.ndarray, n: int, steps: Collocation = _STEPS) -> Motion[Mode]:
+def _period(mechanism: SliderBar, state: np.ndarray, n: int, steps: Collocation = _STEPS) -> Motion:
     return integrate(mechanism, 0.0, n * mechanism.period(), state[:1], state[1:], steps)
 
 

@@ -38,7 +38,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,8 +57,7 @@ Applied = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Force (2, k) on a slider's centre as a function of time and of its position and velocity along its guide."""
 
 
-@dataclass(frozen=True)
-class Mode:
+class Mode(NamedTuple):
     """Direction of p' (0: rest), of slip on the guides, and signs of Rx, Ry."""
 
     turn: int
@@ -67,7 +66,7 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class Trammel(PiecewiseMechanism[Mode]):
+class Trammel(PiecewiseMechanism):
     """Parameters as in the module's text; `gravity` is a vector."""
 
     m: float

@@ -13,7 +13,7 @@ because every crossing is proven to be one, with a slope, for every state of the
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
@@ -49,12 +49,12 @@ class StateSet:
 
     def hull(self) -> list[arb]:
         """Balls that contain the set."""
-        spread = self.frame * _column(self.size)
+        spread = self.frame * column(self.size)
         return [c + spread[i, 0] for i, c in enumerate(self.centre)]
 
     def contains(self, state: Sequence[arb]) -> bool:
         """Return whether a state is proven to be in the set."""
-        return self._holds(self.frame.inv() * _column([x - c for x, c in zip(state, self.centre)]))
+        return self._holds(self.frame.inv() * column(x - c for x, c in zip(state, self.centre)))
 
     def image(self, point: list[arb], derivative: arb_mat, margin: float = 0.0) -> StateSet:
         """The image under a map, from that of the centre and the derivatives, in a frame along its longest sides.
@@ -62,7 +62,7 @@ class StateSet:
         It is wider by a thousandth and by a margin: to be proven again otherwise.
         """
         spread = derivative * self.frame
-        middle = np.array([[float(x.mid()) for x in row] for row in spread.tolist()])
+        middle = middles(spread)
         length = np.array([float(abs(r).upper()) for r in self.size])
         scaled = middle * (length / max(length.max(), 1e-300))
         order = np.argsort(-np.linalg.norm(scaled, axis=0), kind="stable")
@@ -77,15 +77,21 @@ class StateSet:
     def _image_in(self, frame: arb_mat, centre: Sequence[arb], point: list[arb], derivative: arb_mat) -> arb_mat:
         """The size of the image in the coordinates of a set."""
         inverse = frame.inv()
-        return (inverse * (derivative * self.frame) * _column(self.size)
-                + inverse * _column([x - c for x, c in zip(point, centre)]))
+        return (inverse * (derivative * self.frame) * column(self.size)
+                + inverse * column(x - c for x, c in zip(point, centre)))
 
     def _holds(self, inside: arb_mat) -> bool:
         return all(size.contains(inside[i, 0]) for i, size in enumerate(self.size))
 
 
-def _column(values: Sequence[arb]) -> arb_mat:
+def column(values: Iterable[arb]) -> arb_mat:
+    """A matrix of one column."""
     return arb_mat([[x] for x in values])
+
+
+def middles(matrix: arb_mat) -> np.ndarray:
+    """The centres of a matrix of balls, in floats."""
+    return np.array([[float(x.mid()) for x in row] for row in matrix.tolist()])
 
 
 @dataclass(frozen=True)

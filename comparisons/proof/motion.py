@@ -50,10 +50,7 @@ class ProvenMotion:
     def at(self, t: arb) -> tuple[list[arb], list[arb]]:
         """q and v at an instant; next to an event or the end of a step the hull of both sides.
 
-        Raises
-        ------
-        ValueError
-            For a time that is not within the motion.
+        Raises ValueError for a time that is not within the motion.
         """
         around = [leg for leg in self.legs if not (t - leg.t < 0 or t - leg.t > leg.end)]
         if not around:
@@ -120,14 +117,9 @@ def provable(scene: Scene) -> ProvableMechanism:
 def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
     """Enclose a scene's motion: positions and velocities (at the ends of steps) and times of events to 10^-digits.
 
-    The numbers of the scene count as they are written; digits are decimal places, in m, rad, m/s, rad/s and s.
-
-    Raises
-    ------
-    NotThisMechanism
-        If the scene is none of the mechanisms.
-    NotProven
-        `Undecided` with the time; or where enclosures stay wider at every precision that is tried.
+    The numbers of the scene count as they are written; digits are decimal places, in m, rad, m/s, rad/s and s. Raises
+    NotThisMechanism if the scene is none of the mechanisms, `Undecided` with the time, and NotProven where enclosures
+    stay wider at every precision that is tried.
     """
     asked = digits
     for _ in range(_ATTEMPTS):

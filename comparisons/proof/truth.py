@@ -42,18 +42,10 @@ _NAME = re.compile(r"[A-Za-z_]\w*")
 class ProvenTruth:
     """A motion from 0 to t_end by its certificate: columns as polynomials in floats, and events.
 
-    Attributes
-    ----------
-    starts : ndarray, shape (legs,)
-        Seconds; each leg ends where the next one starts.
-    coefficients : dict of ndarray, shape (legs, terms)
-        By column, from the lowest power of the time since the start of the leg.
-    derivatives : Mapping[str, str]
-        By column, that whose derivative it is.
-    errors : Mapping[str, float]
-        By column, a bound of its error, that of its evaluation in floats included.
-    events : tuple of (kind, joint, time)
-        Known to `event_time` seconds.
+    Each of the legs that begin at `starts` (s) ends where the next one does. By column, `coefficients` (legs, terms)
+    are those of the time since the start of the leg, from the lowest power, `derivatives` names that whose derivative
+    it is, and `errors` bounds its error, that of its evaluation in floats included. `events`, by kind, joint and time,
+    are known to `event_time` seconds.
     """
 
     t_end: float

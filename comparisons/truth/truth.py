@@ -35,29 +35,13 @@ class NotThisMechanism(TruthRefused, InputError):
 
 @dataclass(frozen=True)
 class Truth:
-    """A solution that owes nothing to the reference implementation.
+    """A solution that owes nothing to the reference implementation, of a `scene`, for 0 <= t <= t_end (s).
 
-    Attributes
-    ----------
-    scene : str
-        Name of the scene it belongs to.
-    tier : str
-        `PROVEN`, `CLOSED_FORM`, `HIGH_PRECISION`, `PUBLISHED` or `NO_TRUTH`.
-    t_end : float
-        Seconds; valid for 0 <= t <= t_end.
-    columns : callable
-    uncertainty : Mapping[str, float]
-        By column: the largest error to be expected between events; ``"event time"``: that of the events.
-    events : tuple of Event
-        In order of time, with two-sided values.
-    jump_closed_form : ndarray, shape (events,), optional
-        The jump of the drive's effort at each event from its closed form.
-    note : str
-        Why a better tier has no answer; empty where this is the best there could be.
-    tier_below : str
-        Of a proven truth the tier of the columns that no proof encloses: efforts and forces.
-    guides : frozenset of str, optional
-        Those whose events count; all where None.
+    `tier` is one of those above; of a proven truth the columns that no proof encloses, efforts and forces, have
+    `tier_below`. `uncertainty` is by column the largest error to be expected between events, and that of their times
+    under ``"event time"``. `events` are in order of time, with two-sided values; only those of `guides` count, all
+    where None. `jump_closed_form`, shape (events,), is the jump of the drive's effort at each event from its closed
+    form. `note` says why a better tier has no answer; it is empty where this is the best there could be.
     """
 
     scene: str
@@ -104,10 +88,7 @@ class Truth:
     def __call__(self, t: np.ndarray | float, side: str = "after") -> dict[str, np.ndarray]:
         """Return the columns of a Trajectory at times t; `side` says which value holds at an event itself.
 
-        Raises
-        ------
-        ValueError
-            For a time outside of [0, t_end] or an unknown side.
+        Raises ValueError for a time outside of [0, t_end] or an unknown side.
         """
         if side not in SIDES:
             raise ValueError(f"side: found {side!r}; expected one of {', '.join(SIDES)}")

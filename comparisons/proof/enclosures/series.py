@@ -35,13 +35,7 @@ class TooLong(NotProven):
 
 
 def quotient(numerator: Value, denominator: Value) -> Value:
-    """Divide two values.
-
-    Raises
-    ------
-    TooLong
-        If the denominator is not proven to differ from zero.
-    """
+    """Divide two values; raises TooLong if the denominator is not proven to differ from zero."""
     leading = denominator.value if isinstance(denominator, Jet) else denominator
     if leading[0].contains(0):
         raise TooLong("a denominator is not proven to differ from zero")
@@ -127,16 +121,10 @@ def partials(function: Callable[..., Sequence[Value]],
 
 @dataclass(frozen=True)
 class Expansion:
-    """Taylor coefficients of a solution of an equation about its start.
+    """Taylor coefficients of a solution of an equation about its start, with time `t` as a power series about it.
 
-    Attributes
-    ----------
-    t : arb_series
-        Time about the start.
-    state : list of list of arb
-        By component of (q, v) and power of time.
-    variation : list of arb_mat
-        Derivatives of the state by the start, by power of time. Empty if not requested.
+    `state` is by component of (q, v) and power of time; `variation`, the derivatives of the state by the start, by
+    power of time, and empty if not requested.
     """
 
     t: arb_series

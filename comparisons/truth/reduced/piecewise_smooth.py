@@ -281,12 +281,8 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
               collocation: Collocation) -> Motion:
     """Integrate the motion from (t0, q0, v0) to t_end.
 
-    Raises
-    ------
-    NoMotion
-        Where no mode is consistent at the start, where the step falls to nothing, or after too many switches.
-    Undecided
-        Where none is consistent to rounding later on.
+    Raises NoMotion where no mode is consistent at the start, where the step falls to nothing, or after too many
+    switches; Undecided where none is consistent to rounding later on.
     """
     t, q, v = float(t0), np.array(q0, dtype=float), np.array(v0, dtype=float)
     segments: list[Segment] = []

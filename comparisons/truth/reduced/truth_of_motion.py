@@ -63,14 +63,8 @@ def truth_of(scene: Scene, guides: tuple[str, ...], mechanism: PiecewiseMechanis
              t_end: float | None) -> Truth:
     """Integrate a reduced mechanism from t = 0, twice, and return the finer with the difference as uncertainty.
 
-    The end is the scene's own where `t_end` is None.
-
-    Raises
-    ------
-    NoMotion
-        Where the equations have no motion or several.
-    Undecided
-        If the two integrations disagree on the sequence of events.
+    The end is the scene's own where `t_end` is None. Raises NoMotion where the equations have no motion or several,
+    Undecided if the two integrations disagree on the sequence of events.
     """
     t_end = scene.t_end if t_end is None else t_end
     fine, coarse = (integrate(mechanism, 0.0, t_end, q0, v0, collocation) for collocation in (FINE, COARSE))

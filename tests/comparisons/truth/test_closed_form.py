@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from truth_checks import between_events, check_motion, check_newton_and_euler
 
-from stiction.comparisons.truth import (four_bar_truth, incline_truth, oscillator_truth, pendulum_truth,
-                                        slider_crank_truth)
+from stiction.comparisons.truth import (four_bar_truth, incline_truth, moving_guide_truth, oscillator_truth,
+                                        pendulum_truth, slider_crank_truth, trammel_truth)
 from stiction.comparisons.truth.closed_form.oscillator import first_zero
 from stiction.comparisons.truth.closed_form.pendulum import pendulum_angle
 from stiction.scenes import load_scene, vary
@@ -141,7 +141,7 @@ def test_slider_crank_does_no_work_over_a_turn():
 
 
 def test_refusals_name_the_scene():
-    for build in (incline_truth, pendulum_truth, four_bar_truth, slider_crank_truth, oscillator_truth):
+    for build in (incline_truth, pendulum_truth, four_bar_truth, slider_crank_truth, oscillator_truth, trammel_truth, moving_guide_truth):
         with pytest.raises(ValueError, match="slider-bar-case-1"):
             build(load_scene("slider-bar-case-1"))
     with pytest.raises(ValueError, match="too short"):

@@ -105,20 +105,23 @@ def _errors(claims: Claims, motion: ProvenMotion) -> dict[str, float]:
     for i, (start, end) in enumerate(zip(starts, starts[1:])):
         if not start < end:
             raise NotACertificate("found legs that do not go forward; expected increasing starts")
+        while legs[first].t + legs[first].end < start:
+            first += 1
         polynomials = {name: arb_poly(rows[i]) for name, rows in coefficients.items()}
         polynomials |= {name: polynomials[of].derivative() for name, of in derivatives.items()}
         for name, polynomial in polynomials.items():
             rounding[name] = max(rounding[name], _rounding(polynomial, _upper(end - start)))
-        while legs[first].t + legs[first].end < start:
-            first += 1
-        for leg in takewhile(lambda leg: not leg.t > end, legs[first:]):
-            begin = leg.t if leg.t > start else start
-            reach = max(min(_upper(leg.t + leg.end), _upper(end)) - float(begin.lower()), 0.0)
-            for name, polynomial in polynomials.items():
+            for leg in takewhile(lambda leg: not leg.t > end, legs[first:]):
+                begin = leg.t if leg.t > start else start
+                reach = max(min(_upper(leg.t + leg.end), _upper(end)) - float(begin.lower()), 0.0)
                 shifted = leg.bodies[name](arb_poly([begin - leg.t, 1])) - polynomial(arb_poly([begin - start, 1]))
-                size = sum((abs(c) * arb(reach) ** k for k, c in enumerate(shifted.coeffs())), arb(0))
-                off[name] = max(off[name], _upper(size))
+                off[name] = max(off[name], _upper(sum(_terms(shifted, arb(reach)), arb(0))))
     return {name: (rounding[name] + off[name]) * (1 + 1e-9) for name in off}
+
+
+def _terms(polynomial: arb_poly, length: arb | float) -> list[arb]:
+    """Sizes of the terms of a polynomial over some seconds."""
+    return [abs(c) * length ** k for k, c in enumerate(polynomial.coeffs())]
 
 
 def _rounding(polynomial: arb_poly, length: float) -> float:
@@ -126,7 +129,7 @@ def _rounding(polynomial: arb_poly, length: float) -> float:
 
     Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, sect. 5.1.
     """
-    terms = [abs(c) * length ** k for k, c in enumerate(polynomial.coeffs())]
+    terms = _terms(polynomial, length)
     slope_times_length = sum((k * term for k, term in enumerate(terms)), arb(0))
     return _upper(2.02 * _ROUNDING * ((len(terms) + 1) * sum(terms, arb(0)) + slope_times_length))
 

@@ -27,7 +27,7 @@ from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.motion import ProvenMotion, prove
 from stiction.comparisons.proof.step import Precision, ProvenEvent, StateSet, column, middles
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
-from stiction.comparisons.truth.reduced.steady_state import SteadyState, steady_state, stick_threshold
+from stiction.comparisons.truth.reduced.steady_state import steady_state, stick_threshold
 from stiction.scenes import Scene, vary
 
 _DIGITS = 24
@@ -108,10 +108,24 @@ def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
 
 
 def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
-    """The steady state at an amplitude; raises as `proven_threshold`."""
+    """The steady state at an amplitude, with a B about the one in floats; raises as `proven_threshold`."""
     near = steady_state(SliderBar.from_scene(_at_amplitude(scene, F0)))
     with Precision.of(_DIGITS).working():
-        return _found(scene, near, F0)
+        mechanism = _mechanism(scene, F0, near.periods)
+        centre = [arb(float(value)) for value in near.state]
+        for _ in range(_REFINEMENTS):  # Newton's method
+            motion = _motion_from(mechanism, StateSet.box(centre), _DIGITS)
+            slope = motion.derivative()
+            correction = (identity(2) - slope).solve(column(b - a for a, b in zip(centre, motion.end.hull())))
+            centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
+        frame, reason = _frame(slope), ""
+        for exponent in range(8, _DIGITS, 2):
+            states = StateSet(tuple(centre), frame, (arb(10.0 ** -exponent) * arb(0, 1),) * 2)
+            try:
+                return proven_on(scene, F0, near.periods, states, _DIGITS)
+            except ArithmeticError as error:
+                reason = str(error)
+        raise NotProven(reason)
 
 
 def _at_amplitude(scene: Scene, F0: Fraction) -> Scene:
@@ -137,25 +151,6 @@ def _motion_from(mechanism: SlidingMass, states: StateSet, digits: int) -> Prove
     """The motion from all states of a set, none of them at rest."""
     x, speed = states.hull()
     return prove(replace(mechanism, q=[x], v=[speed], at_rest=False), Precision.of(digits), states)
-
-
-def _found(scene: Scene, near: SteadyState, F0: Fraction) -> ProvenSteadyState:
-    """The steady state with a B that is sought about a state found in floats, by Newton's method."""
-    mechanism = _mechanism(scene, F0, near.periods)
-    centre = [arb(float(value)) for value in near.state]
-    for _ in range(_REFINEMENTS):
-        motion = _motion_from(mechanism, StateSet.box(centre), _DIGITS)
-        slope = motion.derivative()
-        correction = (identity(2) - slope).solve(column(b - a for a, b in zip(centre, motion.end.hull())))
-        centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
-    frame, reason = _frame(slope), ""
-    for exponent in range(8, _DIGITS, 2):
-        states = StateSet(tuple(centre), frame, (arb(10.0 ** -exponent) * arb(0, 1),) * 2)
-        try:
-            return proven_on(scene, F0, near.periods, states, _DIGITS)
-        except ArithmeticError as error:
-            reason = str(error)
-    raise NotProven(reason)
 
 
 def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, digits: int) -> ProvenSteadyState:

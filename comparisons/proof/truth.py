@@ -86,7 +86,7 @@ def certificates() -> list[Path]:
 
 def certificate_of(scene: Scene) -> Path | None:
     """The file that proves the motion of a scene; None without one."""
-    return _file(motion_digest(scene_to_toml(scene)))
+    return next(DATA.glob(f"truth-*.{motion_digest(scene_to_toml(scene))}{SUFFIX}"), None)
 
 
 def with_proof(scene: Scene, truth: Truth) -> Truth:
@@ -94,7 +94,8 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
 
     Raises Contradiction where the truth has other events, or columns that differ by more than they may.
     """
-    proven = _proven(motion_digest(scene_to_toml(scene)))
+    file = certificate_of(scene)
+    proven = None if file is None else _read(file)
     if proven is None or truth.t_end > proven.t_end:
         return truth
     found, listed = [(event.kind, event.joint) for event in truth.events], [event[:2] for event in proven.events]
@@ -122,14 +123,9 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
                    events=tuple(replace(event, time=float(time)) for event, time in zip(truth.events, times)))
 
 
-def _file(digest: str) -> Path | None:
-    return next(DATA.glob(f"truth-*.{digest}{SUFFIX}"), None)
-
-
 @lru_cache(maxsize=4)
-def _proven(digest: str) -> ProvenTruth | None:
-    file = _file(digest)
-    return None if file is None else ProvenTruth.of(json.loads(gzip.decompress(file.read_bytes())))
+def _read(file: Path) -> ProvenTruth:
+    return ProvenTruth.of(json.loads(gzip.decompress(file.read_bytes())))
 
 
 def _put_in(value: Any, parameters: Mapping[str, Any]) -> Any:

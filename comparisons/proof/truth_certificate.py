@@ -18,7 +18,6 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from itertools import product, takewhile
 from math import ceil, log10
-from pathlib import Path
 
 from flint import arb, arb_poly
 
@@ -39,6 +38,7 @@ DIGITS = 14
 _MORE_DIGITS = 4
 _ROUNDING = 2.0 ** -53
 _RATES = {"x": "vx", "y": "vy", "angle": "omega", "displacement": "slip_velocity"}
+"""Rates of columns of an element."""
 _KEPT = 2.0 ** -55
 """Largest part of a column's size that is left out of each of its terms; of its derivative on legs of less than 1 s."""
 _SLACK = 1.25
@@ -55,7 +55,9 @@ def truth_certificate(scene: Scene) -> Claims:
         # without those between events that are at the same time in floats
         legs = [leg for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end]) if start < end]
         columns = legs[0].bodies
-        derivatives = _derivatives(columns)
+        parts = ((name, *name.rpartition(".")) for name in columns)
+        rates = {f"{element}.{_RATES.get(part)}": name for name, element, _, part in parts}
+        derivatives = {rate: name for rate, name in rates.items() if rate in columns}
         claims = {"format": FORMAT.name, "scene": scene.name, "digest": motion_digest(text), "file": text,
                   "digits": DIGITS, "t_end": scene.t_end, "starts": [float(leg.t.mid()) for leg in legs],
                   "derivatives": derivatives,
@@ -134,13 +136,6 @@ def _rounding(polynomial: arb_poly, length: float) -> float:
     return _upper(2.02 * _ROUNDING * ((len(terms) + 1) * sum(terms, arb(0)) + slope_times_length))
 
 
-def _derivatives(columns: Collection[str]) -> dict[str, str]:
-    """Columns that are the rates of others."""
-    parts = ((name, *name.rpartition(".")) for name in columns)
-    rates = {f"{element}.{_RATES.get(part)}": name for name, element, _, part in parts}
-    return {rate: name for rate, name in rates.items() if rate in columns}
-
-
 def _events(motion: ProvenMotion, scene: Scene) -> list[ProvenEvent]:
     """The events that count; of corners of a guide within `_AT_ONCE` the last."""
     kept: list[ProvenEvent] = []
@@ -189,11 +184,6 @@ def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
                 yield scene
 
 
-def certificate_path(claims: Claims) -> Path:
-    """Return where the certificate of a scene stands."""
-    return DATA / f"truth-{claims['scene'].rpartition('/')[2]}.{claims['digest']}{SUFFIX}"
-
-
 def main(names: Sequence[str]) -> None:
     """Make the certificates; without names, those that are of no scene any more are removed."""
     written = set()
@@ -203,7 +193,7 @@ def main(names: Sequence[str]) -> None:
         except NotProven as error:
             print(f"{scene.name}: not proven: {error}")
             continue
-        path = certificate_path(claims)
+        path = DATA / f"truth-{claims['scene'].rpartition('/')[2]}.{claims['digest']}{SUFFIX}"
         write_certificate(claims, path)
         written.add(path.name)
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)

@@ -78,12 +78,7 @@ class Truth:
         uncertainty = {name: rounding * float(1 + np.max(np.abs(values))) for name, values in found.items()}
         if switches is not None:
             uncertainty["event time"] = rounding * max(t_end, 1.0)
-        events = []
-        for time, kind, guide in switches or ():
-            sides = (columns(np.array([time]), side) for side in SIDES)
-            before, after = ({name: float(values[0]) for name, values in side.items()} for side in sides)
-            events.append(Event(time, kind, guide, before, after))
-        return cls(scene.name, CLOSED_FORM, t_end, columns, uncertainty, tuple(events))
+        return cls(scene.name, CLOSED_FORM, t_end, columns, uncertainty, two_sided(switches or (), columns))
 
     def __call__(self, t: np.ndarray | float, side: str = "after") -> dict[str, np.ndarray]:
         """Return the columns of a Trajectory at times t; `side` says which value holds at an event itself.
@@ -97,6 +92,14 @@ class Truth:
         if not np.all((t >= -rounding) & (t <= self.t_end + rounding)):
             raise ValueError(f"t: found {t.min():g} .. {t.max():g} s; expected times within 0 .. {self.t_end:g} s")
         return self.columns(np.clip(t, 0.0, self.t_end), side)
+
+
+def two_sided(switches: Sequence[tuple[float, str, str]], columns: Columns) -> tuple[Event, ...]:
+    """Return events, with the columns on both sides, of the time, kind and guide of each."""
+    times = np.array([time for time, _, _ in switches])
+    sides = [columns(times, side) for side in SIDES]
+    values = [[dict(zip(side, row)) for row in np.array(list(side.values())).T.tolist()] for side in sides]
+    return tuple(Event(*switch, *both) for switch, *both in zip(switches, *values))
 
 
 def body_columns(body: str, *motion: Sequence[np.ndarray]) -> dict[str, np.ndarray]:

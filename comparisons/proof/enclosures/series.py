@@ -141,8 +141,8 @@ def expand(timed: Timed, t: arb, start: Sequence[arb], order: int, variation: ar
     """Coefficients 0 .. order of the solution from (q, v) at t; of the variational equation from `variation` too.
 
     From coefficients 0 .. k of q and v the equation gives coefficient k of q'', which is k + 1 times coefficient k + 1
-    of v (R. E. Moore, Interval Analysis, 1966, ch. 11). The variational equation E' = B(t) E is linear: with the
-    partial derivatives of the equation as power series along the solution,
+    of v (R. E. Moore, Interval Analysis, 1966, ch. 11). The variational equation E' = B E, B = [[0, 1], df/d(q, v)], is
+    linear: with the partial derivatives as power series along the solution,
     (k + 1) E[k + 1] = B[0] E[k] + ... + B[k] E[0].
     """
     time = time_series(t, order + 1)
@@ -153,18 +153,13 @@ def expand(timed: Timed, t: arb, start: Sequence[arb], order: int, variation: ar
             position.append(velocity[k] / (k + 1))
             velocity.append(acceleration[k] / (k + 1))
     if variation is not None:
-        B, E = _variational(found.equation, found.series(order)), found.variation
+        E, size, n = found.variation, len(start), len(start) // 2
+        _, gradients = partials(found.equation, found.series(order))
+        speeds, nothing = identity(size).tolist()[n:], [[0] * size] * n
+        B = [arb_mat((nothing if k else speeds) + [[g[k] for g in gradient] for gradient in gradients])
+             for k in range(order)]
         E.append(variation)
         for k in range(order):
             products = (B[i] * E[k - i] for i in range(k + 1))
-            E.append(sum(products, arb_mat(len(start), len(start))) * (arb(1) / (k + 1)))
+            E.append(sum(products, arb_mat(size, size)) * (arb(1) / (k + 1)))
     return found
-
-
-def _variational(equation: Equation, state: Sequence[arb_series]) -> list[arb_mat]:
-    """Coefficients B by power of time of E' = B E, B = [[0, 1], df/d(q, v)]."""
-    size, n = len(state), len(state) // 2
-    _, gradients = partials(equation, state)
-    speeds, nothing = identity(size).tolist()[n:], [[0] * size] * n
-    return [arb_mat((nothing if k else speeds) + [[g[k] for g in gradient] for gradient in gradients])
-            for k in range(state[0].prec)]

@@ -47,15 +47,6 @@ class MovingGuide(OneSlider):
         """m g.n."""
         return th.cos() * (self.m * self.gravity[1]) - th.sin() * (self.m * self.gravity[0])
 
-    def _turn(self, q: list[Value], v: list[Value]) -> Value:
-        """th''."""
-        if self.driven:
-            return v[1] * 0
-        kt, dt, th0 = self.twist
-        coriolis = v[0] * v[1] * (2 * self.m)
-        moment = (q[1] - th0) * -kt - v[1] * dt - q[0] * (coriolis - self._across(q[1]))
-        return quotient(moment, q[0] * q[0] * self.m + (self.arm + self.slider))
-
     def _loads(self, q: list[Value], v: list[Value], turn: Value) -> tuple[Value, Value, Value]:
         """R, M and P with th'' = turn."""
         k, d, r0 = self.spring
@@ -69,7 +60,13 @@ class MovingGuide(OneSlider):
 
     def equation(self, mode: Mode, t):
         def acceleration(q: list[Value], v: list[Value]) -> list[Value]:
-            turn = self._turn(q, v)
+            if self.driven:
+                turn = v[1] * 0
+            else:
+                kt, dt, th0 = self.twist
+                coriolis = v[0] * v[1] * (2 * self.m)
+                moment = (q[1] - th0) * -kt - v[1] * dt - q[0] * (coriolis - self._across(q[1]))
+                turn = quotient(moment, q[0] * q[0] * self.m + (self.arm + self.slider))
             if mode[0] == 0:
                 return [turn * 0, turn]
             R, M, P = self._loads(q, v, turn)

@@ -225,14 +225,11 @@ class Collocation:
 
         Guards as in `PiecewiseMechanism.guards`, by their values at the nodes.
         """
-        first = None
         series = guards @ self.to_coefficients.T
         positive = np.any(series[..., 0] > np.sum(np.abs(series[..., 1:]), axis=-1), axis=1)
-        for i in np.flatnonzero(~positive):
-            root = self._first_negative(series[i], max(2 * ignore / h - 1, -1.0))
-            if root is not None and (first is None or (root + 1) * h / 2 < first[0]):
-                first = (root + 1) * h / 2, int(i)
-        return first
+        roots = ((self._first_negative(series[i], max(2 * ignore / h - 1, -1.0)), int(i))
+                 for i in np.flatnonzero(~positive))
+        return min((((root + 1) * h / 2, i) for root, i in roots if root is not None), default=None)
 
     def _first_negative(self, group: np.ndarray, begin: float) -> float | None:
         """First x in [begin, 1] from which on the largest of some Chebyshev series, shape (p, order), is negative."""
@@ -293,9 +290,7 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
         h = min(h, collocation.longest_step)
         solved = collocation.solve(mechanism, mode, t, q, v, h)
         if solved is not None:
-            instants, positions, velocities, accelerations = solved
-            guards = mechanism.guards(instants, positions, velocities, accelerations, mode)
-            limits = mechanism.limits(instants, positions, velocities, mode)
+            guards, limits = mechanism.guards(*solved, mode), mechanism.limits(*solved[:3], mode)
         if solved is None or not all(collocation.resolves(f, mechanism.magnitude) for f in (guards, limits)):
             h /= 2
             if h < _SHORTEST_STEP * mechanism.pace:
@@ -329,8 +324,7 @@ def _next_mode(mechanism: PiecewiseMechanism, collocation: Collocation, t: float
             for candidate, velocity in group:
                 solved = collocation.solve(mechanism, candidate, t, q, velocity, trial)
                 if solved is not None:
-                    instants, positions, velocities, accelerations = (array[..., later] for array in solved)
-                    values = mechanism.guards(instants, positions, velocities, accelerations, candidate)
+                    values = mechanism.guards(*(array[..., later] for array in solved), candidate)
                     if np.all(np.max(values, axis=1) >= 0):
                         consistent.append((candidate, velocity, solved[3][:, -1]))
             if consistent:

@@ -211,7 +211,7 @@ class Step:
         while True:
             length = (end - self.t).upper()
             try:
-                return Arc.of(equation, self.t, length, self.state, order), end
+                return Arc(equation, self.t, length, self.state, order), end
             except TooLong:
                 if not shorter or length < SHORTEST:
                     raise

@@ -1,9 +1,10 @@
-"""Truths whose motion and events are proven: their uncertainty is that of the certificates that come with the suite.
+"""Truths and thresholds that come proven with the suite: their uncertainty is that of their certificates.
 
 A certificate holds polynomials in floats for positions and velocities of all bodies, a proven bound of the error of
 each, and the events. To read one takes no ball arithmetic, so that the tier of a truth does not depend on what is
 installed. It is bound to the content of the scene (`motion_digest`): any other scene has the truth of the tier below.
-`truth_certificate` makes and checks them.
+`truth_certificate` makes and checks them. A theorem on a threshold is a file of
+`stiction prove SCENE --threshold N --out FILE`.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import lru_cache
+from importlib import resources
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -23,10 +26,12 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
 from stiction.comparisons.digest import SHORT, digest
-from stiction.comparisons.proof.theorems import DATA, Contradiction
-from stiction.comparisons.truth.truth import PROVEN, Truth
-from stiction.scenes import Scene, scene_to_toml
+from stiction.comparisons.truth import PROVEN, StickThreshold, Truth
+from stiction.comparisons.truth.reduced.slider_bar import SliderBar
+from stiction.scenes import Scene, StictionError, scene_from_dict, scene_to_toml
 
+DATA = Path(str(resources.files("stiction.comparisons") / "data"))
+"""Folder of the certificates."""
 SUFFIX = ".json.gz"
 _INSTANTS = 499
 _ESTIMATED = 10.0
@@ -36,6 +41,10 @@ _AT_THE_END = 1e-6
 _UNPROVEN = ("title", "source", "t_end", "stabilization", "parameters")
 """Parts of a scene that its motion up to an earlier end does not depend on; parameters count where they are used."""
 _NAME = re.compile(r"[A-Za-z_]\w*")
+
+
+class Contradiction(StictionError, AssertionError):
+    """A truth in floats, or a threshold, that differs from what is proven by more than its uncertainty."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +130,25 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
     return replace(truth, tier=PROVEN, tier_below=truth.tier, columns=columns,
                    uncertainty={**truth.uncertainty, **errors, "event time": proven.event_time},
                    events=tuple(replace(event, time=float(time)) for event, time in zip(truth.events, times)))
+
+
+def with_theorem(scene: Scene, found: StickThreshold) -> StickThreshold:
+    """A threshold with its proven interval where the scene is that of a theorem; as it is otherwise.
+
+    Raises Contradiction if it is not within the interval.
+    """
+    mechanism = SliderBar.from_scene(scene)
+    for file in sorted(DATA.glob("threshold-*.json")):
+        claims = json.loads(file.read_text(encoding="utf-8"))
+        proven = SliderBar.from_scene(scene_from_dict(tomllib.loads(claims["file"]), claims["scene"]))
+        if replace(mechanism, F0=proven.F0) == proven:
+            low, high = (Fraction(claims[end]["F0 [N]"]) for end in ("low", "high"))
+            middle, half = float((low + high) / 2), float(high - low) / 2
+            if found.F0 is not None and not abs(found.F0 - middle) <= half + (found.uncertainty or 0.0):
+                raise Contradiction(f"{scene.name}: found the threshold {found.F0!r} +/- {found.uncertainty:.2g} N; "
+                                    f"proven is {middle!r} +/- {half:.2g} N")
+            return replace(found, F0=middle, uncertainty=half, theorem=" ".join(claims["theorem"]))
+    return found
 
 
 @lru_cache(maxsize=4)

@@ -28,8 +28,7 @@ from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.motion import MECHANISMS, ProvenMotion, provable, prove_scene
 from stiction.comparisons.proof.step import ProvenEvent
-from stiction.comparisons.proof.theorems import DATA
-from stiction.comparisons.proof.truth import SUFFIX, certificates, motion_digest
+from stiction.comparisons.proof.truth import DATA, SUFFIX, certificates, motion_digest
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.comparisons.variants import physics_of
 from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml

@@ -15,9 +15,9 @@ from stiction.comparisons.proof import threshold_certificate
 from stiction.comparisons.proof.certificate import NotACertificate, read_certificate, write_certificate
 from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.motion import ProvenMotion
-from stiction.comparisons.proof.theorems import Contradiction, certificates, with_theorem
 from stiction.comparisons.proof.threshold import ProvenThreshold, decimal, proven_steady_state, proven_threshold
 from stiction.comparisons.proof.threshold_certificate import FORMAT
+from stiction.comparisons.proof.truth import DATA, Contradiction, with_theorem
 from stiction.comparisons.truth import NotThisMechanism
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import StickThreshold, steady_state
@@ -199,7 +199,7 @@ def test_another_scene_has_no_theorem():
 
 
 def test_an_end_of_a_theorem_of_the_suite_is_proven_anew():
-    [file] = [file for file in certificates() if "mus-equals" in file.name]
+    [file] = DATA.glob("threshold-*mus-equals*")
     claims = read_certificate(file, [FORMAT.name])
     high = Fraction(claims["high"]["F0 [N]"])
     again = threshold_certificate._proven_again(claims["high"], load_scene(claims["scene"]), high)
@@ -207,6 +207,6 @@ def test_an_end_of_a_theorem_of_the_suite_is_proven_anew():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("file", list(certificates()), ids=lambda file: file.name)
+@pytest.mark.parametrize("file", sorted(DATA.glob("threshold-*")), ids=lambda file: file.name)
 def test_the_theorems_of_the_suite_are_proven_anew(file):
     assert FORMAT.check(read_certificate(file, [FORMAT.name])) == []

@@ -15,8 +15,7 @@ from stiction.comparisons.campaigns.measurement import _errors
 from stiction.comparisons.measures.accuracy import TORQUE_ERROR, errors
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.torque_jumps import torque_table
-from stiction.comparisons.proof.theorems import Contradiction
-from stiction.comparisons.proof.truth import certificates, motion_digest, with_proof
+from stiction.comparisons.proof.truth import Contradiction, certificates, motion_digest, with_proof
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN, slider_bar_truth
 from stiction.comparisons.variants import Record, Variant, physics_of
 from stiction.engines import Outcome

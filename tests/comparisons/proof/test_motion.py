@@ -1,6 +1,7 @@
 """Proven motions: closed forms, truths and the reference lie inside; a wrong equation, rounding or file is noticed."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,20 +10,25 @@ from typer.testing import CliRunner
 pytest.importorskip("flint", reason="python-flint is not installed: the extra stiction[proof]")
 
 from flint import acb, arb, fmpq
-from proof_agreement import ESTIMATED, assert_agreement, close
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from stiction.cli import prove as command
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT, FAILED
-from stiction.comparisons.proof.certificate import NotACertificate, exact_text, read_certificate
+from stiction.comparisons.proof.certificate import (NotACertificate, exact_text, read_ball, read_ball_within,
+                                                    read_certificate, read_number)
 from stiction.comparisons.proof.enclosures import arc
 from stiction.comparisons.proof.enclosures.exact import NotComparable, exact, exact_parameters, exact_scene
+from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.enclosures.zeros import Undecided
+from stiction.comparisons.proof.mechanisms.one_slider import Contact, OneSlider
 from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
+from stiction.comparisons.proof.mechanisms.trammel import Trammel
 from stiction.comparisons.proof.motion import provable, prove, prove_scene
 from stiction.comparisons.proof.motion_certificate import FORMAT, motion_certificate
-from stiction.comparisons.proof.step import Precision, StateSet
+from stiction.comparisons.proof.step import Precision, StateSet, Step, identity
 from stiction.comparisons.truth import (NotThisMechanism, moving_guide_truth, oscillator_truth, pendulum_truth,
                                         slider_bar_truth, trammel_truth)
 from stiction.engines import load_engine
@@ -35,6 +41,28 @@ CASES = [f"slider-bar-case-{case}" for case in (1, 2, 3)]
 
 def bits(digits=DIGITS):
     return Precision.of(digits).working()
+
+
+ESTIMATED = 3
+"""Ratio up to which the error of a truth may exceed its uncertainty where that is a difference of two
+discretizations: an estimate."""
+
+
+def close(ball, value, doubt):
+    """Return whether a float is in a ball, up to its own error."""
+    return abs(float(ball.mid()) - value) <= float(ball.rad()) + doubt
+
+
+def assert_agreement(truth, motion, times, estimated=ESTIMATED):
+    """Compare events in order, and the columns of the motion at some times, up to the truth's own error."""
+    mechanism = motion.mechanism
+    with motion.precision.working():
+        assert [(e.kind, e.joint) for e in motion.events] == [(e.kind, e.joint) for e in truth.events]
+        for proven, event in zip(motion.events, truth.events):
+            assert close(proven.time, event.time, estimated * truth.uncertainty["event time"])
+        for t in times:
+            for name, ball in mechanism.columns(arb(float(t)), *motion.at(arb(float(t)))).items():
+                assert close(ball, truth(t)[name][0], estimated * truth.uncertainty[name]), (name, t)
 
 
 @pytest.fixture(scope="module")
@@ -284,6 +312,118 @@ def test_certificates_of_other_mechanisms_are_proven_again(name, t_end, digits):
     scene = load_scene(name, {"t_end": t_end})
     claims = motion_certificate(prove_scene(scene, digits), scene, digits)
     assert claims["events"] and FORMAT.check(claims) == []
+
+
+# attacks: any slider-bar, a set of starts, wrong laws, derivatives and roundings
+
+
+def proves(scene, truth):
+    """Return whether a proof goes through and has the truth inside."""
+    try:
+        assert_agreement(truth, prove_scene(scene, 12), np.linspace(0, truth.t_end, 9)[1:-1])
+    except (Undecided, AssertionError):
+        return False
+    return True
+
+
+@settings(max_examples=6, deadline=None)
+@given(mu=st.floats(0.001, 0.2), extra=st.sampled_from([0.0, 0.01, 0.1]), F0=st.floats(0.5, 8),
+       Omega=st.floats(0.5, 3), w0=st.floats(-1.5, 1.5), m1=st.floats(0.5, 3), width=st.floats(0.01, 0.6))
+def test_any_slider_bar(mu, extra, F0, Omega, w0, m1, width):
+    """Two derivations and two arithmetics of one motion; what the proof cannot decide would be an error here."""
+    assume(abs(w0) > 0.1)
+    scene = vary(load_scene(CASES[0]), {"mu": mu, "mus": mu + extra, "F0": F0, "Omega": Omega, "w0": w0, "m1": m1,
+                                    "guide.width": width, "t_end": 3})
+    assert proves(scene, slider_bar_truth(scene))
+
+
+# a set of starts
+
+
+def oscillator(speed):
+    """Den Hartog's without stops, in motion at the start; called at the working precision."""
+    mechanism = SlidingMass.from_scene(load_scene("coulomb-oscillator", {"t_end": 9}))
+    return replace(mechanism, q=[arb(0)], v=[speed], at_rest=False)
+
+
+@pytest.fixture(scope="module")
+def thin():
+    """The end of a motion that starts at the rim of a set."""
+    precision = Precision.of(20)
+    with precision.working():
+        motion = prove(oscillator(arb(1) + arb(10) ** -6), precision)
+        assert [event.kind for event in motion.events].count("reversal") >= 2
+        return motion.end.hull()
+
+
+def set_of_starts():
+    precision = Precision.of(20)
+    states = StateSet.box([arb(0), arb(1) + arb(10) ** -6 * arb(0, 1)])
+    return prove(oscillator(states.hull()[1]), precision, states).end
+
+
+def test_motions_from_a_set_end_in_its_image(thin):
+    with Precision.of(20).working():
+        end = set_of_starts()
+        assert end.contains(thin)
+        assert max(float(size.rad()) for size in end.size) < 1e-5  # nor is it merely wide
+
+
+def test_a_jump_left_out_of_the_derivative_is_noticed(thin, monkeypatch):
+    monkeypatch.setattr(Step, "_jump", lambda *arguments: identity(2))
+    with Precision.of(20).working():
+        assert not set_of_starts().contains(thin)
+
+
+# laws
+
+
+@pytest.fixture(scope="module")
+def bar():
+    scene = load_scene(CASES[0], {"t_end": 4})
+    return scene, slider_bar_truth(scene)
+
+
+def test_the_bar_is_proven(bar):
+    assert proves(*bar)
+
+
+@pytest.mark.parametrize("owner, name, wrong", [
+    (Contact, "friction", lambda self, slip: -slip * self.mu),  # drives the slip
+    (Contact, "friction", lambda self, slip: slip * self.mus),
+    (Contact, "difference",  # surfaces exchanged
+     lambda self, R, M, friction: (M - R * (friction * self.width / 2)) * (2 / self.length)),
+    (OneSlider, "_margins", lambda self, R, M, P, s: [R * self.contact.mus - P * s]),  # no corners at rest
+    (SlidingMass, "_moment", lambda self, t, a: self._theta(t).cos() * self.c * self.g)])  # a bar without inertia
+def test_wrong_laws_of_contact_are_noticed(bar, monkeypatch, owner, name, wrong):
+    monkeypatch.setattr(owner, name, wrong)
+    assert not proves(*bar)
+
+
+@pytest.fixture(scope="module")
+def trammel():
+    scene = load_scene("elliptic-trammel", {"t_end": 0.15})  # past a dead point
+    return scene, trammel_truth(scene)
+
+
+@pytest.mark.parametrize("sign", [(1, 1), (-1, 1), (1, -1)])
+def test_a_wrong_sign_of_either_friction_of_the_trammel_is_noticed(trammel, monkeypatch, sign):
+    right = Trammel._coefficients
+    monkeypatch.setattr(Trammel, "_coefficients",
+                        lambda self, mode: tuple(s * c for s, c in zip(sign, right(self, mode))))
+    assert proves(*trammel) == (sign == (1, 1))
+
+
+# rounding of what is claimed
+
+
+def test_a_ball_that_is_read_contains_what_is_written_and_a_target_lies_within():
+    with working(200, 10):
+        for radius in ("1*2^-40", "1073741823*2^-90", "715827883*2^-70"):
+            pair = ["5*2^-3", radius]
+            outer, inner, exact = read_ball(pair), read_ball_within(pair), read_number(radius)
+            assert inner.rad() <= exact <= outer.rad() and outer.mid() == inner.mid()
+            assert inner.rad() > exact * 0.999
 
 
 # what cannot be decided

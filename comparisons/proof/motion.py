@@ -39,12 +39,10 @@ class ProvenMotion:
 
     @property
     def events(self) -> list[ProvenEvent]:
-        """Events of all steps, in order."""
         return [event for step in self.steps for event in step.events]
 
     @property
     def legs(self) -> list[Leg]:
-        """Legs of all steps, in order."""
         return [leg for step in self.steps for leg in step.legs]
 
     def at(self, t: arb) -> tuple[list[arb], list[arb]]:

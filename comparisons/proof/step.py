@@ -13,11 +13,12 @@ because every crossing is proven to be one, with a slope, for every state of the
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from math import isinf
+from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat, arb_poly
@@ -101,7 +102,7 @@ class ProvenEvent:
     time: arb
     kind: str
     joint: str
-    after: Hashable
+    after: Any
     q: list[arb]
     v: list[arb]
 
@@ -115,7 +116,7 @@ class Leg:
 
     t: arb
     end: arb
-    mode: Hashable
+    mode: Any
     state: list[arb_poly]
     bodies: dict[str, arb_poly]
 
@@ -193,7 +194,7 @@ class Step:
             point_tau = newton(arc.functions(guards, one)[zero.group][zero.function], tau)
         columns = arc.functions(lambda *at: {name: [f] for name, f in mechanism.bodies(*at[:3]).items()}, arc.fine)
         state = arc.polynomials(arc.fine)
-        self.legs.append(Leg(t, tau, mode, state, {name: column for name, [column] in columns.items()}))
+        self.legs.append(Leg(t, tau, mode, state, {str(name): column for name, [column] in columns.items()}))
         self.t, self.point_t = t + tau, self.point_t + point_tau
         self.state = [f(tau) for f in state]
         self.point = [f(point_tau) for f in arc.polynomials(one)]
@@ -230,7 +231,7 @@ class Step:
         self.events.append(ProvenEvent(_wider(self.t, margin), self.current.kind, joint, self.current.mode,
                                        *halves(self.state)))
 
-    def _jump(self, mode: Hashable, zero: Zero, slope: arb) -> arb_mat:
+    def _jump(self, mode: Any, zero: Zero, slope: arb) -> arb_mat:
         """S at the change from a mode to the current one."""
         t = time_series(self.t, 1)
         before, after = (self.mechanism.equation(each, t) for each in (mode, self.current.mode))

@@ -40,14 +40,12 @@ class Exact:
     product: tuple[fmpq, int, tuple[str, ...]] | None = None
 
     @classmethod
-    def of(cls, q: fmpq | Fraction | int, k: int = 0) -> Exact:
-        """q pi^k."""
+    def of(cls, q: fmpq | Fraction | int, k: int = 0, waves: tuple[str, ...] = (), ball: arb | None = None) -> Exact:
+        """q pi^k; times sines and cosines in a `ball`, if there are some."""
         q = fmpq(q.numerator, q.denominator)
+        if waves and q != 0:
+            return cls(ball, (q, k, waves))
         return cls(arb(q) * arb.pi() ** k, (q, k if q != 0 else 0, ()))
-
-    @classmethod
-    def _product(cls, ball: arb, q: fmpq, k: int, waves: tuple[str, ...]) -> Exact:
-        return cls(ball, (q, k, waves)) if waves and q != 0 else cls.of(q, k)
 
     @property
     def factors(self) -> tuple[fmpq, int] | None:
@@ -63,7 +61,7 @@ class Exact:
             return other if self._zero else self
         ball = self.ball + other.ball
         if self.product and other.product and self.product[1:] == other.product[1:]:
-            return Exact._product(ball, self.product[0] + other.product[0], *self.product[1:])
+            return Exact.of(self.product[0] + other.product[0], *self.product[1:], ball)
         return Exact(ball)
 
     def __neg__(self) -> Exact:
@@ -78,7 +76,7 @@ class Exact:
         ball = self.ball * other.ball
         if self.product and other.product:
             (p, j, some), (q, k, others) = self.product, other.product
-            return Exact._product(ball, p * q, j + k, tuple(sorted(some + others)))
+            return Exact.of(p * q, j + k, tuple(sorted(some + others)), ball)
         return Exact(ball)
 
     def __truediv__(self, other: Exact) -> Exact:
@@ -178,7 +176,8 @@ class ExactPart:
             return ExactPart(written, value, self._parameters)
         return None if value is None else exact(written, self._parameters)
 
-    __getattr__ = __getitem__
+    def __getattr__(self, name: str) -> Any:
+        return self[name]
 
 
 def exact_parameters(scene: Scene) -> dict[str, Exact]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,7 +25,7 @@ class Next:
     Where it is `smooth` the accelerations do not jump.
     """
 
-    mode: Hashable
+    mode: Any
     zeros: Mapping[Any, int] = field(default_factory=dict)
     kind: str = ""
     smooth: bool = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from flint import arb
 
@@ -47,7 +48,7 @@ class SceneReader:
         return {name: self.numbers[section][name] for name in names for section in sections
                 if name in getattr(self.scene, section)}
 
-    def __getitem__(self, label: str) -> ExactPart | None:
+    def __getitem__(self, label: str) -> Any:
         """Return the element of a part; None where the scene has none."""
         return next(iter(self.elements(label).values()), None)
 

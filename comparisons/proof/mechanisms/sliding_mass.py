@@ -21,13 +21,13 @@ equation m x'' + s mu max(|R|, |D(x'')|) = P then has an increasing left side. T
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.arc import APriori
-from stiction.comparisons.proof.enclosures.exact import ONE, ZERO, Exact, ExactPart
+from stiction.comparisons.proof.enclosures.exact import ONE, ZERO, Exact
 from stiction.comparisons.proof.enclosures.series import Value, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.mechanism import Load
@@ -39,7 +39,8 @@ from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine
 from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Translational
 
-Vector = Sequence[Exact] | ExactPart
+Vector = Any
+"""Two exact numbers, by their index."""
 _OTHERS = {"springs": Part(LinearSpring, "slider", GROUND, count=SEVERAL, points=(CENTRE, ANY)),
            "loads": Part(Force, "slider", count=SEVERAL, point=CENTRE, law=Constant | Sine)}
 _MASS = "one mass on a straight guide"
@@ -189,7 +190,7 @@ def _springs(reader: SceneReader, along: Vector, horizontal: bool) -> Vector:
     height, direction = reader.scene.bodies[reader.found.bodies["slider"]].position[1], reader["guide"].direction
     stiffness = damping = force = ZERO
     for key, spring in reader.elements("springs").items():
-        level = reader.scene.springs[key].points[1][1] == height
+        level = reader.found.elements["springs"][key].points[1][1] == height
         reader.require(_parallel(spring.axis, direction) if spring.axis is not None else
                        spring.rest_length.is_zero and horizontal and level,
                        f"springs.{key}: expected one along the guide")

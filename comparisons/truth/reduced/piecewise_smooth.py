@@ -19,6 +19,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -118,7 +119,7 @@ class Segment:
     start: float
     length: float
     end: float
-    mode: Hashable
+    mode: Any
     position: np.ndarray
     velocity: np.ndarray
 
@@ -174,11 +175,11 @@ class Collocation:
         self._velocity = chebyshev.chebval(self.nodes, self._once.T).T @ self.to_coefficients
         self._position = chebyshev.chebval(self.nodes, self._twice.T).T @ self.to_coefficients
         self._derivative = np.array([np.append(chebyshev.chebder(row), 0.0) for row in identity]).T
-        self._halves = [np.array([chebyshev.chebinterpolate(lambda x: chebyshev.chebval((x + side) / 2, row), order - 1)
+        self._halves = [np.array([chebyshev.chebinterpolate(partial(_on_half, row, side), order - 1)
                                   for row in identity]).T for side in (-1, 1)]
 
     def solve(self, mechanism: PiecewiseMechanism, mode: Hashable, t0: float, q0: np.ndarray, v0: np.ndarray,
-              h: float) -> tuple[np.ndarray, ...] | None:
+              h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
         """Instants, q, v, a at the nodes of the step [t0, t0 + h]; None if h is too long for full precision."""
         s = h / 2
         t = t0 + s * (self.nodes + 1)
@@ -266,6 +267,10 @@ class Collocation:
         return [low + (high - low) * (float(x) + 1) / 2 for x in found]
 
 
+def _on_half(row: np.ndarray, side: int, x: np.ndarray) -> Any:
+    return chebyshev.chebval((x + side) / 2, row)
+
+
 def _clenshaw(x: float, backwards: list[float]) -> float:
     """Value of a Chebyshev series whose coefficients are given from the last to the first."""
     one = two = 0.0
@@ -324,7 +329,8 @@ def _next_mode(mechanism: PiecewiseMechanism, collocation: Collocation, t: float
             for candidate, velocity in group:
                 solved = collocation.solve(mechanism, candidate, t, q, velocity, trial)
                 if solved is not None:
-                    values = mechanism.guards(*(array[..., later] for array in solved), candidate)
+                    instants, positions, velocities, accelerations = (array[..., later] for array in solved)
+                    values = mechanism.guards(instants, positions, velocities, accelerations, candidate)
                     if np.all(np.max(values, axis=1) >= 0):
                         consistent.append((candidate, velocity, solved[3][:, -1]))
             if consistent:

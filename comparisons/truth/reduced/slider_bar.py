@@ -99,7 +99,6 @@ class SliderBar(SingleSlider):
         return max(abs(self.rate), abs(self.frequency), (self.stiffness / self.mass) ** 0.5)
 
     def theta(self, t):
-        """Angle of the bar."""
         return self.angle + self.rate * t
 
     def applied(self, t, x, v):

@@ -9,7 +9,6 @@
                      polynomials `truth_certificate`, `threshold_certificate`
 ===================  ========================================================================================
 
-Beneath them: the reduced `mechanisms` and the `enclosures` that they are made of. `truth` and `theorems` read what
-comes proven with the suite, motions and thresholds, and take no python-flint. All else needs the extra
-``stiction[proof]``, and nothing else of the project needs any of it.
+Beneath them: the reduced `mechanisms` and the `enclosures` that they are made of. `truth` reads what comes proven with
+the suite, motions and thresholds, and takes no python-flint. All else needs the extra ``stiction[proof]``.
 """

@@ -47,10 +47,7 @@ class Format:
     def check(self, claims: Claims) -> list[Failure]:
         """Prove every claim anew; returns the failures, none if all hold.
 
-        Raises
-        ------
-        NotACertificate
-            Where the tables lack something, or have something else in its place.
+        Raises NotACertificate where the tables lack something, or have something else in its place.
         """
         try:
             return list(self.failures(claims))

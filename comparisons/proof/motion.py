@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import ceil, log10
-from typing import Any, Generic
 
 from flint import arb, arb_mat
 
 from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.series import TooLong, halves, identity
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import AMode, Next, ProvableMechanism
+from stiction.comparisons.proof.mechanisms.mechanism import ProvableMechanism
 from stiction.comparisons.proof.mechanisms.moving_guide import MovingGuide
 from stiction.comparisons.proof.mechanisms.pendulum import Pendulum
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
@@ -30,31 +29,26 @@ _LONGEST = 0.5
 
 
 @dataclass(frozen=True)
-class ProvenMotion(Generic[AMode]):
+class ProvenMotion:
     """A motion by its steps; its balls keep their width only at the precision of their making."""
 
-    mechanism: ProvableMechanism[AMode, Any]
+    mechanism: ProvableMechanism
     precision: Precision
     steps: tuple[Step, ...]
     end: StateSet
 
     @property
     def events(self) -> list[ProvenEvent]:
-        """Events of all steps, in order."""
         return [event for step in self.steps for event in step.events]
 
     @property
-    def legs(self) -> list[Leg[AMode]]:
-        """Legs of all steps, in order."""
+    def legs(self) -> list[Leg]:
         return [leg for step in self.steps for leg in step.legs]
 
     def at(self, t: arb) -> tuple[list[arb], list[arb]]:
         """q and v at an instant; next to an event or the end of a step the hull of both sides.
 
-        Raises
-        ------
-        ValueError
-            For a time that is not within the motion.
+        Raises ValueError for a time that is not within the motion.
         """
         around = [leg for leg in self.legs if not (t - leg.t < 0 or t - leg.t > leg.end)]
         if not around:
@@ -78,8 +72,8 @@ class ProvenMotion(Generic[AMode]):
         return max((2 * x.rad() for x in ends), key=lambda ball: float(ball.upper()))
 
 
-def prove(mechanism: ProvableMechanism[AMode, Any], precision: Precision,
-          start: StateSet | None = None) -> ProvenMotion[AMode]:
+def prove(mechanism: ProvableMechanism, precision: Precision,
+          start: StateSet | None = None) -> ProvenMotion:
     """Enclose the motion from t = 0 to its end; from all states of `start` where that is given.
 
     Call it with `Precision.working`. Raises Undecided, with the time and the reason.
@@ -97,7 +91,8 @@ def prove(mechanism: ProvableMechanism[AMode, Any], precision: Precision,
                 raise Undecided(str(error), t) from error
             continue
         steps.append(step)
-        states, t, current = step.image(precision.margin), step.t1, Next(step.legs[-1].mode)
+        states = states.image(step.point, step.derivative, precision.margin)
+        t, current = step.t1, step.current
         growth = 0.9 * (precision.remainder / max(step.remainder, 1e-300)) ** (1 / precision.order)
         h = min(_LONGEST, h * min(1.5, growth))
     return ProvenMotion(mechanism, precision, tuple(steps), states)
@@ -120,14 +115,9 @@ def provable(scene: Scene) -> ProvableMechanism:
 def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
     """Enclose a scene's motion: positions and velocities (at the ends of steps) and times of events to 10^-digits.
 
-    The numbers of the scene count as they are written; digits are decimal places, in m, rad, m/s, rad/s and s.
-
-    Raises
-    ------
-    NotThisMechanism
-        If the scene is none of the mechanisms.
-    NotProven
-        `Undecided` with the time; or where enclosures stay wider at every precision that is tried.
+    The numbers of the scene count as they are written; digits are decimal places, in m, rad, m/s, rad/s and s. Raises
+    NotThisMechanism if the scene is none of the mechanisms, `Undecided` with the time, and NotProven where enclosures
+    stay wider at every precision that is tried.
     """
     asked = digits
     for _ in range(_ATTEMPTS):

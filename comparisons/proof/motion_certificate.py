@@ -11,8 +11,7 @@ events and end state, which are there to be read, have to contain what is proven
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import Any
 
 from flint import arb
@@ -24,7 +23,7 @@ from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.series import halves
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 from stiction.comparisons.proof.motion import ProvenMotion, provable
-from stiction.comparisons.proof.step import Precision, ProvenEvent, StateSet, take_step
+from stiction.comparisons.proof.step import Precision, ProvenEvent, StateSet, Step, take_step
 from stiction.scenes import Scene, scene_to_toml
 
 _MORE_BITS, _MORE_ORDER = 64, 5
@@ -58,22 +57,10 @@ def _set(states: StateSet) -> dict[str, Any]:
             "size": [ball_texts(x) for x in states.size]}
 
 
-@dataclass(frozen=True)
-class _Junction:
-    """The junction of two steps; its set is at least (`start`) or at most (`target`) as large as claimed."""
-
-    t: arb
-    mode: Hashable
-    start: StateSet
-    target: StateSet
-
-    @classmethod
-    def read(cls, t: arb, mode: Any, claimed: dict[str, Any]) -> _Junction:
-        """Read the claimed mode and set at an instant."""
-        centre, frame = tuple(map(read_number, claimed["centre"])), read_matrix(claimed["frame"])
-        start, target = (StateSet(centre, frame, tuple(map(read, claimed["size"])))
-                         for read in (read_ball, read_ball_within))
-        return cls(t, _read_mode(mode), start, target)
+def _read_set(claimed: dict[str, Any], read: Callable[[Sequence[str]], arb]) -> StateSet:
+    """Return a set, at least (`read_ball`) or at most (`read_ball_within`) as large as claimed."""
+    return StateSet(tuple(map(read_number, claimed["centre"])), read_matrix(claimed["frame"]),
+                    tuple(map(read, claimed["size"])))
 
 
 def _read_mode(claimed: Any) -> Hashable:
@@ -90,47 +77,47 @@ def _end_columns(mechanism: ProvableMechanism, t: arb, end: StateSet, mode: Hash
 def _failures(claims: Claims) -> Iterator[Failure]:
     precision = Precision(int(claims["bits"]) + _MORE_BITS, int(claims["order"]) + _MORE_ORDER, float("inf"))
     with precision.working():
-        mechanism = provable(claimed_scene(claims))
-        steps, end, shown = claims["steps"], claims["end"], iter(claims["events"])
-        junctions = [*(_Junction.read(read_number(step["t0"]), step["mode"], step["start"]) for step in steps),
-                     _Junction.read(mechanism.t_end, end["mode"], end["set"])]
-        first, last, mode = junctions[0], junctions[-1], mechanism.start().mode
-        if not first.target.contains([*mechanism.q, *mechanism.v]):
+        mechanism, steps, shown = provable(claimed_scene(claims)), claims["steps"], iter(claims["events"])
+        times = [*(read_number(step["t0"]) for step in steps), mechanism.t_end]
+        modes = [_read_mode(part["mode"]) for part in (*steps, claims["end"])]
+        sets = [*(step["start"] for step in steps), claims["end"]["set"]]
+        starts, targets = ([_read_set(claimed, read) for claimed in sets] for read in (read_ball, read_ball_within))
+        mode = mechanism.start().mode
+        if not targets[0].contains([*mechanism.q, *mechanism.v]):
             yield Failure(-1, "the start of the scene is not in the first set")
-        if first.mode != mode or first.t != 0:
-            yield Failure(-1, f"the motion starts at 0 in mode {mode}, the first step at {first.t} in {first.mode}")
-        for i, (step, begin, end) in enumerate(zip(steps, junctions, junctions[1:])):
-            for reason in _differences(mechanism, precision, step["events"], (begin, end), shown):
+        if modes[0] != mode or times[0] != 0:
+            yield Failure(-1, f"the motion starts at 0 in mode {mode}, the first step at {times[0]} in {modes[0]}")
+        for i, step in enumerate(steps):
+            if not times[i] < times[i + 1]:
+                yield Failure(i, "the step does not go forward")
+                continue
+            first = mechanism.start() if times[i] == 0 else Next(modes[i])
+            try:
+                again = take_step(mechanism, times[i], starts[i], first, 0.0, precision, times[i + 1])
+            except NotProven as error:
+                yield Failure(i, str(error))
+                continue
+            if reason := _difference(again, step["events"], modes[i + 1], targets[i + 1]):
                 yield Failure(i, reason)
-        state, claimed = _end_columns(mechanism, last.t, last.start, last.mode), claims["state at t_end"]
+            for event in again.events:
+                if not _shows(next(shown, None), event, mechanism):
+                    yield Failure(i, f"the list of events has no {event.kind} at {event.time.str(10)} s as proven")
+        state, claimed = _end_columns(mechanism, times[-1], starts[-1], modes[-1]), claims["state at t_end"]
         if next(shown, None) is not None or not all(contains(claimed[name], value) for name, value in state.items()):
             yield Failure(-1, "the list of events or the state at t_end differs from the steps")
 
 
-def _differences(mechanism: ProvableMechanism, precision: Precision, claimed: list[dict[str, Any]],
-                 ends: tuple[_Junction, _Junction], shown: Iterator[dict[str, str]]) -> Iterator[str]:
-    """Prove a step again: what differs from its claimed events and the set at its end, and from the events shown."""
-    begin, end = ends
-    if not begin.t < end.t:
-        yield "the step does not go forward"
-        return
-    first = mechanism.start() if begin.t == 0 else Next(begin.mode)
-    try:
-        again = take_step(mechanism, begin.t, begin.start, first, 0.0, precision, end.t)
-    except NotProven as error:
-        yield str(error)
-        return
+def _difference(again: Step, claimed: list[dict[str, Any]], mode: Hashable, target: StateSet) -> str:
+    """What of a step that is proven again differs from its claimed events, and from the mode and set at its end."""
     changes = [(event["kind"], _read_mode(event["after"])) for event in claimed]
     found = [(event.kind, event.after) for event in again.events]
-    if changes != found or again.legs[-1].mode != end.mode:
-        yield f"other changes of mode: {found} instead of {changes}"
-    elif not all(read_ball_within(one["time"]).contains(event.time) for one, event in zip(claimed, again.events)):
-        yield "the time of an event is not within its interval"
-    elif not again.start.image_lies_in(again.point, again.derivative, end.target):
-        yield "the image of the set is not within the next set"
-    for event in again.events:
-        if not _shows(next(shown, None), event, mechanism):
-            yield f"the list of events has no {event.kind} at {event.time.str(10)} s as proven"
+    if changes != found or again.current.mode != mode:
+        return f"other changes of mode: {found} instead of {changes}"
+    if not all(read_ball_within(one["time"]).contains(event.time) for one, event in zip(claimed, again.events)):
+        return "the time of an event is not within its interval"
+    if not again.start.image_lies_in(target, again.point, again.derivative):
+        return "the image of the set is not within the next set"
+    return ""
 
 
 def _shows(shown: dict[str, str] | None, event: ProvenEvent, mechanism: ProvableMechanism) -> bool:

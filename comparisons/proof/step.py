@@ -13,12 +13,12 @@ because every crossing is proven to be one, with a slope, for every state of the
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from math import isinf
-from typing import Any, Generic
+from typing import Any
 
 import numpy as np
 from flint import arb, arb_mat, arb_poly
@@ -26,7 +26,7 @@ from flint import arb, arb_mat, arb_poly
 from stiction.comparisons.proof.enclosures.arc import Arc, partials_at
 from stiction.comparisons.proof.enclosures.series import TooLong, halves, identity, time_series, working
 from stiction.comparisons.proof.enclosures.zeros import Undecided, Zero, first_zero, newton
-from stiction.comparisons.proof.mechanisms.mechanism import AMode, Next, ProvableMechanism
+from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
 
 _GRID = 2 ** 20
 """Steps end at multiples of 1/_GRID s."""
@@ -50,37 +50,49 @@ class StateSet:
 
     def hull(self) -> list[arb]:
         """Balls that contain the set."""
-        spread = self.frame * _column(self.size)
+        spread = self.frame * column(self.size)
         return [c + spread[i, 0] for i, c in enumerate(self.centre)]
 
     def contains(self, state: Sequence[arb]) -> bool:
         """Return whether a state is proven to be in the set."""
-        inside = self.frame.inv() * _column([x - c for x, c in zip(state, self.centre)])
-        return all(size.contains(inside[i, 0]) for i, size in enumerate(self.size))
+        return self._holds(self.frame.inv() * column(x - c for x, c in zip(state, self.centre)))
 
-    def image(self, point: list[arb], derivative: arb_mat) -> StateSet:
-        """The image under a map, from that of the centre and the derivatives, in a frame along its longest sides."""
+    def image(self, point: list[arb], derivative: arb_mat, margin: float = 0.0) -> StateSet:
+        """The image under a map, from that of the centre and the derivatives, in a frame along its longest sides.
+
+        It is wider by a thousandth and by a margin: to be proven again otherwise.
+        """
         spread = derivative * self.frame
-        middle = np.array([[float(x.mid()) for x in row] for row in spread.tolist()])
+        middle = middles(spread)
         length = np.array([float(abs(r).upper()) for r in self.size])
         scaled = middle * (length / max(length.max(), 1e-300))
         order = np.argsort(-np.linalg.norm(scaled, axis=0), kind="stable")
-        turned = np.linalg.qr(middle[:, order])[0]
-        return self._within(point, spread, arb_mat(turned.tolist()), tuple(x.mid() for x in point))
+        frame, centre = arb_mat(np.linalg.qr(middle[:, order])[0].tolist()), tuple(x.mid() for x in point)
+        size = self._image_in(frame, centre, point, derivative)
+        return StateSet(centre, frame, tuple(_wider(size[i, 0], margin) for i in range(len(centre))))
 
-    def _within(self, point: list[arb], spread: arb_mat, frame: arb_mat, centre: tuple[arb, ...]) -> StateSet:
+    def image_lies_in(self, other: StateSet, point: list[arb], derivative: arb_mat) -> bool:
+        """Return whether the image under a map, as of `image`, is proven to be within a set."""
+        return other._holds(self._image_in(other.frame, other.centre, point, derivative))
+
+    def _image_in(self, frame: arb_mat, centre: Sequence[arb], point: list[arb], derivative: arb_mat) -> arb_mat:
+        """The size of the image in the coordinates of a set."""
         inverse = frame.inv()
-        size = inverse * spread * _column(self.size) + inverse * _column([x - c for x, c in zip(point, centre)])
-        return StateSet(centre, frame, tuple(size[i, 0] for i in range(len(point))))
+        return (inverse * (derivative * self.frame) * column(self.size)
+                + inverse * column(x - c for x, c in zip(point, centre)))
 
-    def image_lies_in(self, point: list[arb], derivative: arb_mat, other: StateSet) -> bool:
-        """Return whether the image is proven to lie in another set."""
-        image = self._within(point, derivative * self.frame, other.frame, other.centre)
-        return all(outer.contains(inner) for outer, inner in zip(other.size, image.size))
+    def _holds(self, inside: arb_mat) -> bool:
+        return all(size.contains(inside[i, 0]) for i, size in enumerate(self.size))
 
 
-def _column(values: Sequence[arb]) -> arb_mat:
+def column(values: Iterable[arb]) -> arb_mat:
+    """A matrix of one column."""
     return arb_mat([[x] for x in values])
+
+
+def middles(matrix: arb_mat) -> np.ndarray:
+    """The centres of a matrix of balls, in floats."""
+    return np.array([[float(x.mid()) for x in row] for row in matrix.tolist()])
 
 
 @dataclass(frozen=True)
@@ -90,13 +102,13 @@ class ProvenEvent:
     time: arb
     kind: str
     joint: str
-    after: Hashable
+    after: Any
     q: list[arb]
     v: list[arb]
 
 
 @dataclass(frozen=True)
-class Leg(Generic[AMode]):
+class Leg:
     """A stretch within a step in one mode, from t on for `end` seconds.
 
     Polynomials in the time since t enclose the 2n components of the `state` and the columns of all `bodies`.
@@ -104,42 +116,9 @@ class Leg(Generic[AMode]):
 
     t: arb
     end: arb
-    mode: AMode
+    mode: Any
     state: list[arb_poly]
     bodies: dict[str, arb_poly]
-
-    @classmethod
-    def of(cls, mechanism: ProvableMechanism[AMode, Any], arc: Arc, end: arb, mode: AMode) -> Leg[AMode]:
-        """The beginning of an arc."""
-        def bodies(t, q, v, a):
-            return {name: [column] for name, column in mechanism.bodies(t, q, v).items()}
-
-        columns = arc.functions(bodies, arc.fine)
-        return cls(arc.t, end, mode, arc.polynomials(arc.fine),
-                   {str(name): column for name, [column] in columns.items()})
-
-
-@dataclass(frozen=True)
-class Step:
-    """A motion from a set `start` at t0 to its image at t1, both exact (t1 at the end of the motion a ball).
-
-    `point` is the image of the set's centre, `derivative` the image's by the start, on the set; `remainder` is the
-    largest of its legs.
-    """
-
-    t0: arb
-    t1: arb
-    start: StateSet
-    point: list[arb]
-    derivative: arb_mat
-    events: list[ProvenEvent]
-    legs: list[Leg]
-    remainder: float
-
-    def image(self, margin: float) -> StateSet:
-        """A set around the image of `start`, wider by a thousandth and by `margin`: to be proven again otherwise."""
-        found = self.start.image(self.point, self.derivative)
-        return replace(found, size=tuple(_wider(size, margin) for size in found.size))
 
 
 def _wider(ball: arb, by: float) -> arb:
@@ -169,12 +148,17 @@ class Precision:
         return cls(int(3.33 * (digits + 12)) + 64, max(14, digits + 8), 10.0 ** -(digits + 8))
 
 
-class _Front:
-    """A step in progress: all solutions from a set up to an instant in a mode, and the one from the set's centre."""
+class Step:
+    """A motion from a set `start` at t0 to its image at t1, both exact (t1 at the end of the motion a ball).
 
-    def __init__(self, mechanism: ProvableMechanism, t: arb, start: StateSet, first: Next):
-        self.mechanism, self.current = mechanism, first
-        self.t = self.point_t = t
+    `point` is the image of the set's centre, `derivative` the image's by the start, on the set; `remainder` is the
+    largest of its legs. While the step is in progress these are at `t`, the centre's at `point_t`: all solutions from
+    the set are in `state`, in the mode `current`.
+    """
+
+    def __init__(self, mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Next):
+        self.mechanism, self.start, self.current = mechanism, start, first
+        self.t0 = self.t1 = self.t = self.point_t = t0
         self.state, self.point = start.hull(), list(start.centre)
         self.derivative = identity(len(self.state))
         self.events: list[ProvenEvent] = []
@@ -208,14 +192,16 @@ class _Front:
         else:
             tau = zero.tau
             point_tau = newton(arc.functions(guards, one)[zero.group][zero.function], tau)
-        self.legs.append(Leg.of(mechanism, arc, tau, mode))
+        columns = arc.functions(lambda *at: {name: [f] for name, f in mechanism.bodies(*at[:3]).items()}, arc.fine)
+        state = arc.polynomials(arc.fine)
+        self.legs.append(Leg(t, tau, mode, state, {str(name): column for name, [column] in columns.items()}))
         self.t, self.point_t = t + tau, self.point_t + point_tau
-        self.state = [f(tau) for f in arc.polynomials(arc.fine)]
+        self.state = [f(tau) for f in state]
         self.point = [f(point_tau) for f in arc.polynomials(one)]
         self.derivative = arc.jacobian(tau) * self.derivative
         self._hold()
         if zero is None:
-            self.current = Next(mode)
+            self.current, self.t1 = Next(mode), end
             return not reach < end
         self._change(zero, groups[zero.group][zero.function].derivative()(tau), precision.margin)
         return False
@@ -226,7 +212,7 @@ class _Front:
         while True:
             length = (end - self.t).upper()
             try:
-                return Arc.of(equation, self.t, length, self.state, order), end
+                return Arc(equation, self.t, length, self.state, order), end
             except TooLong:
                 if not shorter or length < SHORTEST:
                     raise
@@ -236,16 +222,16 @@ class _Front:
         """Change the mode where a guard is zero, with slope = dg/dt along the motion before."""
         if len(self.events) == _MOST_EVENTS:
             raise Undecided(f"more than {_MOST_EVENTS} changes of mode within a step", self.t)
-        mode, (q, v) = self.current.mode, halves(self.state)
-        self.current = self.mechanism.after(mode, zero.group, self.t, q, v)
+        mode = self.current.mode
+        self.current = self.mechanism.after(mode, zero.group, self.t, *halves(self.state))
         if not self.current.smooth:
             self.derivative = self._jump(mode, zero, slope) * self.derivative
         self._hold()
-        q, v = halves(self.state)
         joint = self.mechanism.event_joint(mode, self.current.mode)
-        self.events.append(ProvenEvent(_wider(self.t, margin), self.current.kind, joint, self.current.mode, q, v))
+        self.events.append(ProvenEvent(_wider(self.t, margin), self.current.kind, joint, self.current.mode,
+                                       *halves(self.state)))
 
-    def _jump(self, mode: Hashable, zero: Zero, slope: arb) -> arb_mat:
+    def _jump(self, mode: Any, zero: Zero, slope: arb) -> arb_mat:
         """S at the change from a mode to the current one."""
         t = time_series(self.t, 1)
         before, after = (self.mechanism.equation(each, t) for each in (mode, self.current.mode))
@@ -270,14 +256,14 @@ def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Nex
 
     Raises TooLong where it gets no enclosure, Undecided where something is not proven.
     """
-    front = _Front(mechanism, t0, start, first)
+    step = Step(mechanism, t0, start, first)
     end = _grid(t0, h, mechanism.t_end) if t1 is None else t1
-    while not front.advance(end, precision, shorter=t1 is not None):
+    while not step.advance(end, precision, shorter=t1 is not None):
         if t1 is None:
-            end = _grid(front.t, h, mechanism.t_end)
-        elif not front.t < end:
-            raise Undecided("a change of mode at the end of a step", front.t)
-    return Step(t0, end, start, front.point, front.derivative, front.events, front.legs, front.remainder)
+            end = _grid(step.t, h, mechanism.t_end)
+        elif not step.t < end:
+            raise Undecided("a change of mode at the end of a step", step.t)
+    return step
 
 
 def _grid(t: arb, h: float, t_end: arb) -> arb:

@@ -21,13 +21,13 @@ import numpy as np
 from flint import arb, arb_mat
 
 from stiction.comparisons.proof.enclosures import NotProven
-from stiction.comparisons.proof.enclosures.exact import Exact, ExactScene
+from stiction.comparisons.proof.enclosures.exact import Exact, exact_scene
 from stiction.comparisons.proof.enclosures.series import identity
 from stiction.comparisons.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.comparisons.proof.motion import ProvenMotion, prove
-from stiction.comparisons.proof.step import Precision, ProvenEvent, StateSet
+from stiction.comparisons.proof.step import Precision, ProvenEvent, StateSet, column, middles
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
-from stiction.comparisons.truth.reduced.steady_state import SteadyState, steady_state, stick_threshold
+from stiction.comparisons.truth.reduced.steady_state import steady_state, stick_threshold
 from stiction.scenes import Scene, vary
 
 _DIGITS = 24
@@ -38,22 +38,11 @@ _PERIODS = 200
 
 @dataclass(frozen=True)
 class ProvenSteadyState:
-    """An attracting periodic motion that exists, and bounds of it.
+    """An attracting periodic motion that exists, for the amplitude F0 (N), and bounds of it.
 
-    Attributes
-    ----------
-    F0 : Fraction
-        Amplitude of the load, N.
-    period : arb
-        n T, s; `count` is n.
-    state : tuple of arb
-        (x, x') at t = 0, m and m/s.
-    contraction : float
-        Upper bound of q on `states`, B.
-    periods : int
-        After so many n T the motion from the scene's start is in B.
-    events : list of ProvenEvent
-        Of one period; `sticks` where it has a stick phase.
+    Its period is n T (s), n the `count`; it starts in `state`, (x, x') in m and m/s, within the set B, `states`.
+    `contraction` is an upper bound of q on B, in which the motion from the scene's start is after so many `periods`
+    n T. `events` are those of one period; it `sticks` where it has a stick phase.
     """
 
     F0: Fraction
@@ -103,12 +92,8 @@ def decimal(number: Fraction) -> str:
 def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
     """Bounds of the threshold near that of `stick_threshold`: two proven amplitudes at a distance of 10^-places N.
 
-    Raises
-    ------
-    NotThisMechanism
-        If the scene is no slider-bar.
-    NotProven
-        Where no threshold is known to begin with, or a proof does not go through.
+    Raises NotThisMechanism if the scene is no slider-bar, NotProven where no threshold is known to begin with, or a
+    proof does not go through.
     """
     found = stick_threshold(scene)
     if found.F0 is None:
@@ -123,10 +108,24 @@ def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
 
 
 def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
-    """The steady state at an amplitude; raises as `proven_threshold`."""
+    """The steady state at an amplitude, with a B about the one in floats; raises as `proven_threshold`."""
     near = steady_state(SliderBar.from_scene(_at_amplitude(scene, F0)))
     with Precision.of(_DIGITS).working():
-        return _found(scene, near, F0)
+        mechanism = _mechanism(scene, F0, near.periods)
+        centre = [arb(float(value)) for value in near.state]
+        for _ in range(_REFINEMENTS):  # Newton's method
+            motion = _motion_from(mechanism, StateSet.box(centre), _DIGITS)
+            slope = motion.derivative()
+            correction = (identity(2) - slope).solve(column(b - a for a, b in zip(centre, motion.end.hull())))
+            centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
+        frame, reason = _frame(slope), ""
+        for exponent in range(8, _DIGITS, 2):
+            states = StateSet(tuple(centre), frame, (arb(10.0 ** -exponent) * arb(0, 1),) * 2)
+            try:
+                return proven_on(scene, F0, near.periods, states, _DIGITS)
+            except ArithmeticError as error:
+                reason = str(error)
+        raise NotProven(reason)
 
 
 def _at_amplitude(scene: Scene, F0: Fraction) -> Scene:
@@ -137,8 +136,8 @@ def _at_amplitude(scene: Scene, F0: Fraction) -> Scene:
 def _mechanism(scene: Scene, F0: Fraction, count: int) -> SlidingMass:
     """The slider-bar over n = count common periods T of bar and load; raises NotProven where they have none."""
     loaded = _at_amplitude(scene, F0)
-    e, [drive], [load] = ExactScene(loaded), scene.drives, scene.forces
-    rate, frequency = e("drives", drive, "law", "rate"), e("forces", load, "law", "frequency")
+    numbers, [drive], [load] = exact_scene(loaded), scene.drives, scene.forces
+    rate, frequency = numbers.drives[drive].law.rate, numbers.forces[load].law.frequency
     ratio = (frequency / rate).factors
     if ratio is None or ratio[1] != 0:
         raise NotProven(f"{scene.name}: found frequencies {frequency.ball.str(10)} and {rate.ball.str(10)}; "
@@ -154,29 +153,6 @@ def _motion_from(mechanism: SlidingMass, states: StateSet, digits: int) -> Prove
     return prove(replace(mechanism, q=[x], v=[speed], at_rest=False), Precision.of(digits), states)
 
 
-def _difference(states: list[arb], others: list[arb]) -> arb_mat:
-    return arb_mat([[b - a] for a, b in zip(states, others)])
-
-
-def _found(scene: Scene, near: SteadyState, F0: Fraction) -> ProvenSteadyState:
-    """The steady state with a B that is sought about a state found in floats, by Newton's method."""
-    mechanism = _mechanism(scene, F0, near.periods)
-    centre = [arb(float(value)) for value in near.state]
-    for _ in range(_REFINEMENTS):
-        motion = _motion_from(mechanism, StateSet.box(centre), _DIGITS)
-        slope = motion.derivative()
-        correction = (identity(2) - slope).solve(_difference(centre, motion.end.hull()))
-        centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
-    frame, reason = _frame(slope), ""
-    for exponent in range(8, _DIGITS, 2):
-        states = StateSet(tuple(centre), frame, (arb(10.0 ** -exponent) * arb(0, 1),) * 2)
-        try:
-            return proven_on(scene, F0, near.periods, states, _DIGITS)
-        except ArithmeticError as error:
-            reason = str(error)
-    raise NotProven(reason)
-
-
 def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, digits: int) -> ProvenSteadyState:
     """The steady state at an amplitude F0, with B given: both inequalities, and that the start leads into B.
 
@@ -187,7 +163,7 @@ def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, digits: 
     motion = _motion_from(mechanism, states, digits)
     rate = _norm(inverse * motion.derivative() * frame)
     image = _motion_from(mechanism, StateSet.box(centre), digits).end.hull()
-    residual = _norm(inverse * _difference(centre, image))
+    residual = _norm(inverse * column(b - a for a, b in zip(centre, image)))
     if not (rate < 1 and residual <= (1 - rate) * radius):
         raise NotProven(f"F0 = {float(F0):.12g} N: no contraction: factor {rate.str(5)}, residual {residual.str(3)}")
     tight = residual / (1 - rate)
@@ -200,16 +176,14 @@ def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, digits: 
 
 def _frame(slope: arb_mat) -> arb_mat:
     """A basis in which a map's derivative has a small norm: real and imaginary parts of its eigenvectors."""
-    middle = np.array([[float(slope[i, j].mid()) for j in range(2)] for i in range(2)])
-    values, vectors = np.linalg.eig(middle)
+    values, vectors = np.linalg.eig(middles(slope))
     basis = np.column_stack([vectors[:, 0].real, vectors[:, 0].imag]) if np.iscomplexobj(values) else vectors
     return arb_mat(basis.tolist())
 
 
 def _norm(matrix: arb_mat) -> arb:
     """Largest sum of absolute values of a row: an upper bound."""
-    sums = [sum((abs(x) for x in row), arb(0)).upper() for row in matrix.tolist()]
-    return max(sums, key=float)
+    return max((sum(map(abs, row), arb(0)).upper() for row in matrix.tolist()), key=float)
 
 
 def _reached(mechanism: SlidingMass, states: StateSet, precision: Precision) -> int:

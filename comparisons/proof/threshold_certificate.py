@@ -79,34 +79,28 @@ def _failures(claims: Claims) -> Iterator[Failure]:
 
 def _proven_again(end: Claims, scene: Scene, F0: Fraction) -> ProvenSteadyState:
     """The claims of an end, proven; raises NotProven, with what is not proven again."""
-    digits, count = int(end["digits"]), int(end["count"])
+    digits, count, claimed = int(end["digits"]), int(end["count"]), end["contraction"]
     if not (1 <= digits <= _MOST_DIGITS and count >= 1):
         raise NotACertificate(f"digits, count: found {digits}, {count}; expected 1 .. {_MOST_DIGITS} and at least 1")
     with Precision.of(digits + _MORE_DIGITS).working():
         centre, radius = tuple(map(read_number, end["centre"])), read_number(end["radius"]) * arb(0, 1)
         states = StateSet(centre, read_matrix(end["frame"]), (radius,) * 2)
         again = proven_on(scene, F0, count, states, digits + _MORE_DIGITS)
-        _require_claims(end, again)
-        return replace(again, state=tuple(map(read_ball, end["state"])), contraction=end["contraction"],
-                       periods=end["periods"])
-
-
-def _require_claims(end: Claims, again: ProvenSteadyState) -> None:
-    """Compare the claims of an end with another proof of it; raises NotProven."""
-    kinds, claimed = [event.kind for event in again.events], end["contraction"]
-    if again.sticks != end["stick phase"] or kinds != [event["kind"] for event in end["events"]]:
-        raise NotProven(f"other changes of mode: {', '.join(kinds)}")
-    if not again.contraction <= claimed < 1:
-        raise NotProven(f"the factor of contraction: found at most {again.contraction:.6g}; claimed {claimed:.6g}")
-    if again.periods > end["periods"]:
-        raise NotProven(f"the motion from the start is in the set after {again.periods} times the period; "
-                        f"claimed {end['periods']}")
-    if not all(read_ball_within(ball).contains(own) for ball, own in zip(end["state"], again.state, strict=True)):
-        raise NotProven("the state at t = 0 is not within the claimed one")
-    shown = [*zip(end["state, decimal [m, m/s]"], again.state, strict=True),
-             *((event["time [s]"], own.time) for event, own in zip(end["events"], again.events))]
-    if end["F0, decimal"] != decimal(again.F0) or not all(contains(text, ball) for text, ball in shown):
-        raise NotProven("the decimals of F0, the state or the events do not contain what is proven")
+        kinds = [event.kind for event in again.events]
+        if again.sticks != end["stick phase"] or kinds != [event["kind"] for event in end["events"]]:
+            raise NotProven(f"other changes of mode: {', '.join(kinds)}")
+        if not again.contraction <= claimed < 1:
+            raise NotProven(f"the factor of contraction: found at most {again.contraction:.6g}; claimed {claimed:.6g}")
+        if again.periods > end["periods"]:
+            raise NotProven(f"the motion from the start is in the set after {again.periods} times the period; "
+                            f"claimed {end['periods']}")
+        if not all(read_ball_within(ball).contains(own) for ball, own in zip(end["state"], again.state, strict=True)):
+            raise NotProven("the state at t = 0 is not within the claimed one")
+        shown = [*zip(end["state, decimal [m, m/s]"], again.state, strict=True),
+                 *((event["time [s]"], own.time) for event, own in zip(end["events"], again.events))]
+        if end["F0, decimal"] != decimal(again.F0) or not all(contains(text, ball) for text, ball in shown):
+            raise NotProven("the decimals of F0, the state or the events do not contain what is proven")
+        return replace(again, state=tuple(map(read_ball, end["state"])), contraction=claimed, periods=end["periods"])
 
 
 FORMAT = Format("stiction threshold proof 1", "end", lambda claims: len(ENDS), _failures)

@@ -1,9 +1,10 @@
-"""Truths whose motion and events are proven: their uncertainty is that of the certificates that come with the suite.
+"""Truths and thresholds that come proven with the suite: their uncertainty is that of their certificates.
 
 A certificate holds polynomials in floats for positions and velocities of all bodies, a proven bound of the error of
 each, and the events. To read one takes no ball arithmetic, so that the tier of a truth does not depend on what is
 installed. It is bound to the content of the scene (`motion_digest`): any other scene has the truth of the tier below.
-`truth_certificate` makes and checks them.
+`truth_certificate` makes and checks them. A theorem on a threshold is a file of
+`stiction prove SCENE --threshold N --out FILE`.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import lru_cache
+from importlib import resources
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -23,10 +26,12 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
 from stiction.comparisons.digest import SHORT, digest
-from stiction.comparisons.proof.theorems import DATA, Contradiction
-from stiction.comparisons.truth.truth import PROVEN, Truth
-from stiction.scenes import Scene, scene_to_toml
+from stiction.comparisons.truth import PROVEN, StickThreshold, Truth
+from stiction.comparisons.truth.reduced.slider_bar import SliderBar
+from stiction.scenes import Scene, StictionError, scene_from_dict, scene_to_toml
 
+DATA = Path(str(resources.files("stiction.comparisons") / "data"))
+"""Folder of the certificates."""
 SUFFIX = ".json.gz"
 _INSTANTS = 499
 _ESTIMATED = 10.0
@@ -38,22 +43,18 @@ _UNPROVEN = ("title", "source", "t_end", "stabilization", "parameters")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 
 
+class Contradiction(StictionError, AssertionError):
+    """A truth in floats that differs from what is proven by more than its uncertainty."""
+
+
 @dataclass(frozen=True)
 class ProvenTruth:
     """A motion from 0 to t_end by its certificate: columns as polynomials in floats, and events.
 
-    Attributes
-    ----------
-    starts : ndarray, shape (legs,)
-        Seconds; each leg ends where the next one starts.
-    coefficients : dict of ndarray, shape (legs, terms)
-        By column, from the lowest power of the time since the start of the leg.
-    derivatives : Mapping[str, str]
-        By column, that whose derivative it is.
-    errors : Mapping[str, float]
-        By column, a bound of its error, that of its evaluation in floats included.
-    events : tuple of (kind, joint, time)
-        Known to `event_time` seconds.
+    Each of the legs that begin at `starts` (s) ends where the next one does. By column, `coefficients` (legs, terms)
+    are those of the time since the start of the leg, from the lowest power, `derivatives` names that whose derivative
+    it is, and `errors` bounds its error, that of its evaluation in floats included. `events`, by kind, joint and time,
+    are known to `event_time` seconds.
     """
 
     t_end: float
@@ -94,7 +95,7 @@ def certificates() -> list[Path]:
 
 def certificate_of(scene: Scene) -> Path | None:
     """The file that proves the motion of a scene; None without one."""
-    return _file(motion_digest(scene_to_toml(scene)))
+    return next(DATA.glob(f"truth-*.{motion_digest(scene_to_toml(scene))}{SUFFIX}"), None)
 
 
 def with_proof(scene: Scene, truth: Truth) -> Truth:
@@ -102,7 +103,8 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
 
     Raises Contradiction where the truth has other events, or columns that differ by more than they may.
     """
-    proven = _proven(motion_digest(scene_to_toml(scene)))
+    file = certificate_of(scene)
+    proven = None if file is None else _read(file)
     if proven is None or truth.t_end > proven.t_end:
         return truth
     found, listed = [(event.kind, event.joint) for event in truth.events], [event[:2] for event in proven.events]
@@ -130,14 +132,22 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
                    events=tuple(replace(event, time=float(time)) for event, time in zip(truth.events, times)))
 
 
-def _file(digest: str) -> Path | None:
-    return next(DATA.glob(f"truth-*.{digest}{SUFFIX}"), None)
+def threshold_of_theorem(scene: Scene) -> StickThreshold | None:
+    """Return the proven threshold where the scene is that of a theorem; its uncertainty is half the interval."""
+    mechanism = SliderBar.from_scene(scene)
+    for file in sorted(DATA.glob("threshold-*.json")):
+        claims = json.loads(file.read_text(encoding="utf-8"))
+        proven = SliderBar.from_scene(scene_from_dict(tomllib.loads(claims["file"]), claims["scene"]))
+        if replace(mechanism, F0=proven.F0) == proven:
+            low, high = (Fraction(claims[end]["F0 [N]"]) for end in ("low", "high"))
+            return StickThreshold(float((low + high) / 2), float(high - low) / 2, (float(low), float(high)),
+                                  theorem=" ".join(claims["theorem"]))
+    return None
 
 
 @lru_cache(maxsize=4)
-def _proven(digest: str) -> ProvenTruth | None:
-    file = _file(digest)
-    return None if file is None else ProvenTruth.of(json.loads(gzip.decompress(file.read_bytes())))
+def _read(file: Path) -> ProvenTruth:
+    return ProvenTruth.of(json.loads(gzip.decompress(file.read_bytes())))
 
 
 def _put_in(value: Any, parameters: Mapping[str, Any]) -> Any:

@@ -18,7 +18,6 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from itertools import product, takewhile
 from math import ceil, log10
-from pathlib import Path
 
 from flint import arb, arb_poly
 
@@ -29,8 +28,7 @@ from stiction.comparisons.proof.enclosures import NotProven
 from stiction.comparisons.proof.enclosures.series import working
 from stiction.comparisons.proof.motion import MECHANISMS, ProvenMotion, provable, prove_scene
 from stiction.comparisons.proof.step import ProvenEvent
-from stiction.comparisons.proof.theorems import DATA
-from stiction.comparisons.proof.truth import SUFFIX, certificates, motion_digest
+from stiction.comparisons.proof.truth import DATA, SUFFIX, certificates, motion_digest
 from stiction.comparisons.truth.truth import NotThisMechanism
 from stiction.comparisons.variants import physics_of
 from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml
@@ -39,6 +37,7 @@ DIGITS = 14
 _MORE_DIGITS = 4
 _ROUNDING = 2.0 ** -53
 _RATES = {"x": "vx", "y": "vy", "angle": "omega", "displacement": "slip_velocity"}
+"""Rates of columns of an element."""
 _KEPT = 2.0 ** -55
 """Largest part of a column's size that is left out of each of its terms; of its derivative on legs of less than 1 s."""
 _SLACK = 1.25
@@ -55,7 +54,9 @@ def truth_certificate(scene: Scene) -> Claims:
         # without those between events that are at the same time in floats
         legs = [leg for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end]) if start < end]
         columns = legs[0].bodies
-        derivatives = _derivatives(columns)
+        parts = ((name, *name.rpartition(".")) for name in columns)
+        rates = {f"{element}.{_RATES.get(part)}": name for name, element, _, part in parts}
+        derivatives = {rate: name for rate, name in rates.items() if rate in columns}
         claims = {"format": FORMAT.name, "scene": scene.name, "digest": motion_digest(text), "file": text,
                   "digits": DIGITS, "t_end": scene.t_end, "starts": [float(leg.t.mid()) for leg in legs],
                   "derivatives": derivatives,
@@ -105,20 +106,23 @@ def _errors(claims: Claims, motion: ProvenMotion) -> dict[str, float]:
     for i, (start, end) in enumerate(zip(starts, starts[1:])):
         if not start < end:
             raise NotACertificate("found legs that do not go forward; expected increasing starts")
+        while legs[first].t + legs[first].end < start:
+            first += 1
         polynomials = {name: arb_poly(rows[i]) for name, rows in coefficients.items()}
         polynomials |= {name: polynomials[of].derivative() for name, of in derivatives.items()}
         for name, polynomial in polynomials.items():
             rounding[name] = max(rounding[name], _rounding(polynomial, _upper(end - start)))
-        while legs[first].t + legs[first].end < start:
-            first += 1
-        for leg in takewhile(lambda leg: not leg.t > end, legs[first:]):
-            begin = leg.t if leg.t > start else start
-            reach = max(min(_upper(leg.t + leg.end), _upper(end)) - float(begin.lower()), 0.0)
-            for name, polynomial in polynomials.items():
+            for leg in takewhile(lambda leg: not leg.t > end, legs[first:]):
+                begin = leg.t if leg.t > start else start
+                reach = max(min(_upper(leg.t + leg.end), _upper(end)) - float(begin.lower()), 0.0)
                 shifted = leg.bodies[name](arb_poly([begin - leg.t, 1])) - polynomial(arb_poly([begin - start, 1]))
-                size = sum((abs(c) * arb(reach) ** k for k, c in enumerate(shifted.coeffs())), arb(0))
-                off[name] = max(off[name], _upper(size))
+                off[name] = max(off[name], _upper(sum(_terms(shifted, arb(reach)), arb(0))))
     return {name: (rounding[name] + off[name]) * (1 + 1e-9) for name in off}
+
+
+def _terms(polynomial: arb_poly, length: arb | float) -> list[arb]:
+    """Sizes of the terms of a polynomial over some seconds."""
+    return [abs(c) * length ** k for k, c in enumerate(polynomial.coeffs())]
 
 
 def _rounding(polynomial: arb_poly, length: float) -> float:
@@ -126,16 +130,9 @@ def _rounding(polynomial: arb_poly, length: float) -> float:
 
     Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, sect. 5.1.
     """
-    terms = [abs(c) * length ** k for k, c in enumerate(polynomial.coeffs())]
+    terms = _terms(polynomial, length)
     slope_times_length = sum((k * term for k, term in enumerate(terms)), arb(0))
     return _upper(2.02 * _ROUNDING * ((len(terms) + 1) * sum(terms, arb(0)) + slope_times_length))
-
-
-def _derivatives(columns: Collection[str]) -> dict[str, str]:
-    """Columns that are the rates of others."""
-    parts = ((name, *name.rpartition(".")) for name in columns)
-    rates = {f"{element}.{_RATES.get(part)}": name for name, element, _, part in parts}
-    return {rate: name for rate, name in rates.items() if rate in columns}
 
 
 def _events(motion: ProvenMotion, scene: Scene) -> list[ProvenEvent]:
@@ -186,11 +183,6 @@ def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
                 yield scene
 
 
-def certificate_path(claims: Claims) -> Path:
-    """Return where the certificate of a scene stands."""
-    return DATA / f"truth-{claims['scene'].rpartition('/')[2]}.{claims['digest']}{SUFFIX}"
-
-
 def main(names: Sequence[str]) -> None:
     """Make the certificates; without names, those that are of no scene any more are removed."""
     written = set()
@@ -200,7 +192,7 @@ def main(names: Sequence[str]) -> None:
         except NotProven as error:
             print(f"{scene.name}: not proven: {error}")
             continue
-        path = certificate_path(claims)
+        path = DATA / f"truth-{claims['scene'].rpartition('/')[2]}.{claims['digest']}{SUFFIX}"
         write_certificate(claims, path)
         written.add(path.name)
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)

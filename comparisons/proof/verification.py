@@ -15,21 +15,20 @@ from stiction.scenes import StictionError
 JUDGEMENTS = ("right", "misses a solution", "rightly none", "solves what has none", "wrong", "not judged")
 """Judgements of a solver's answer. "wrong": it is not a solution to the accuracy of a replay, whatever is proven."""
 
-_JUDGED = {(SOLVED, SOLVED): "right", (SOLVED, NONE): "misses a solution", (NONE, NONE): "rightly none",
-           (NONE, SOLVED): "solves what has none"}
-"""Judgement by what is proven and what was answered."""
-
-
 class WrongProof(StictionError, AssertionError):
     """A verdict that its own test refutes: an error of this program."""
 
 
 def judge(given: Answer, verdict: Decision) -> str:
     """One of `JUDGEMENTS`; a solver that was not asked, raised, or whose problem is not decided is not judged."""
+    right, misses, rightly_none, solves_none, wrong, not_judged = JUDGEMENTS
     if given.outcome == "wrong":
-        return "wrong"
-    answered = {"solved": SOLVED, "none found": NONE, "rightly none": NONE}.get(given.outcome, "")
-    return _JUDGED.get((verdict.decided, answered), "not judged")
+        return wrong
+    if verdict.decided == OPEN or given.outcome not in ("solved", "none found", "rightly none"):
+        return not_judged
+    if verdict.decided == SOLVED:
+        return right if given.outcome == "solved" else misses
+    return solves_none if given.outcome == "solved" else rightly_none
 
 
 def verified(solver: str, problems: str | Path | None = None) -> pd.DataFrame:

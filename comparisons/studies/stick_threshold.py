@@ -15,7 +15,7 @@ from stiction.comparisons.measures.settling import MOST_PERIODS, SETTLED, NotSet
 from stiction.comparisons.methods import MISSING_ENGINE, called
 from stiction.comparisons.presentation import (Axis, Chart, Column, Headline, Number, Panel, Presentation, Series,
                                                TracedText, interval, listed, traced, view)
-from stiction.comparisons.proof.theorems import threshold_of_theorem
+from stiction.comparisons.proof.truth import threshold_of_theorem
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import HIGH_PRECISION, NO_TRUTH, PROVEN, StickThreshold, stick_threshold

@@ -25,6 +25,25 @@ class Condition:
     words: str
     holds: Callable[[Any], bool]
 
+    @classmethod
+    def of(cls, wanted: Any) -> Condition:
+        """The condition to be a condition, of a class, a value, or a tuple of these."""
+        if isinstance(wanted, Condition):
+            return wanted
+        if isinstance(wanted, type | UnionType):
+            names = " or ".join(kind.__name__ for kind in get_args(wanted) or (wanted,))
+            return cls(names, lambda value: isinstance(value, wanted))
+        if isinstance(wanted, tuple):
+            parts = [cls.of(part) for part in wanted]
+            return cls(f"[{', '.join(part.words for part in parts)}]", lambda value: value is not None
+                       and all(part.holds(inner) for part, inner in zip(parts, value)))
+        return cls(shown(wanted), lambda value: value == wanted)
+
+    def misfit(self, name: str, value: Any) -> Iterator[str]:
+        """Describe a value for which the condition does not hold."""
+        if not self.holds(value):
+            yield f"{name}: found {getattr(value, 'type', None) or shown(value)}; expected {self.words}"
+
 
 ANY = Condition("any", lambda value: True)
 POSITIVE = Condition("> 0", lambda value: value > 0)
@@ -34,8 +53,8 @@ FORWARD = (POSITIVE, 0)
 """A direction along the x axis."""
 ON_X_AXIS = (ANY, 0)
 """A point of the x axis."""
-PULLS_ALONG_X = Condition("axis [> 0, 0], or none and rest_length 0", lambda spring: _fits(spring.axis, FORWARD)
-                          or spring.axis is None and spring.rest_length == 0)
+PULLS_ALONG_X = Condition("axis [> 0, 0], or none and rest_length 0", lambda spring: spring.rest_length == 0
+                          if spring.axis is None else Condition.of(FORWARD).holds(spring.axis))
 """Condition on a spring between two points of the x axis."""
 
 ONE, OPTIONAL, SEVERAL = "one", "at most one", "any number"
@@ -45,13 +64,14 @@ class Part:
     """An element of a mechanism: its class, and the roles of the bodies that it connects or acts on, in their order.
 
     Any name fits where `name` is None. With `any_order` the bodies may stand in either order. `where` is a condition on
-    the whole element; the requirement on each of the `fields` is a `Condition`, a class, a value, or a tuple of these.
+    the whole element; the requirement on each of the `fields` is as for `Condition.of`.
     """
 
     def __init__(self, kind: type, *bodies: str, name: str | None = None, count: str = ONE, any_order: bool = False,
                  where: Condition = ANY, **fields: Any):
         self.kind, self.bodies, self.name, self.count = kind, bodies, name, count
-        self.any_order, self.where, self.fields = any_order, where, fields
+        self.any_order, self.where = any_order, where
+        self.fields = {field: Condition.of(wanted) for field, wanted in fields.items()}
 
     def bind(self, name: str, element: Any, roles: Mapping[str, str]) -> Mapping[str, str] | None:
         """Return the bodies by role, with those of an element; None where the element is another part."""
@@ -67,8 +87,8 @@ class Part:
 
     def misfits(self, name: str, element: Any) -> Iterator[str]:
         """Describe what of an element is not as required."""
-        for field, wanted in self.fields.items():
-            yield from _misfit(f"{name}.{field}", getattr(element, field), wanted)
+        for field, condition in self.fields.items():
+            yield from condition.misfit(f"{name}.{field}", getattr(element, field))
         if not self.where.holds(element):
             yield f"{name}: expected {self.where.words}"
 
@@ -108,7 +128,7 @@ class Structure:
     def match(self, scene: Scene) -> Match:
         """Find the parts in a scene; raises NotThisMechanism, naming everything that does not fit."""
         roles: Mapping[str, str] = {name: name for name in (GROUND, *(() if self.any_names else self.bodies))}
-        faults = list(_misfit("gravity", scene.gravity, self.gravity))
+        faults = list(Condition.of(self.gravity).misfit("gravity", scene.gravity))
         if len(scene.bodies) != len(self.bodies) or not (self.any_names or set(scene.bodies) == set(self.bodies)):
             faults.append(f"bodies: found {', '.join(scene.bodies)}; expected {', '.join(self.bodies)}")
         others = {**scene.joints, **scene.drives, **scene.springs, **scene.forces}
@@ -134,26 +154,3 @@ class Structure:
 
 def _bodies(element: Any) -> tuple[str, ...]:
     return (element.body,) if isinstance(element, (Force, Torque)) else element.bodies
-
-
-def _misfit(name: str, value: Any, wanted: Any) -> Iterator[str]:
-    if not _fits(value, wanted):
-        yield f"{name}: found {getattr(value, 'type', None) or shown(value)}; expected {_words(wanted)}"
-
-
-def _fits(value: Any, wanted: Any) -> bool:
-    if isinstance(wanted, Condition):
-        return wanted.holds(value)
-    if isinstance(wanted, type | UnionType):
-        return isinstance(value, wanted)
-    if isinstance(wanted, tuple):
-        return value is not None and all(map(_fits, value, wanted))
-    return value == wanted
-
-
-def _words(wanted: Any) -> str:
-    if isinstance(wanted, Condition):
-        return wanted.words
-    if isinstance(wanted, type | UnionType):
-        return " or ".join(kind.__name__ for kind in get_args(wanted) or (wanted,))
-    return f"[{', '.join(map(_words, wanted))}]" if isinstance(wanted, tuple) else shown(wanted)

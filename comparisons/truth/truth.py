@@ -35,29 +35,13 @@ class NotThisMechanism(TruthRefused, InputError):
 
 @dataclass(frozen=True)
 class Truth:
-    """A solution that owes nothing to the reference implementation.
+    """A solution that owes nothing to the reference implementation, of a `scene`, for 0 <= t <= t_end (s).
 
-    Attributes
-    ----------
-    scene : str
-        Name of the scene it belongs to.
-    tier : str
-        `PROVEN`, `CLOSED_FORM`, `HIGH_PRECISION`, `PUBLISHED` or `NO_TRUTH`.
-    t_end : float
-        Seconds; valid for 0 <= t <= t_end.
-    columns : callable
-    uncertainty : Mapping[str, float]
-        By column: the largest error to be expected between events; ``"event time"``: that of the events.
-    events : tuple of Event
-        In order of time, with two-sided values.
-    jump_closed_form : ndarray, shape (events,), optional
-        The jump of the drive's effort at each event from its closed form.
-    note : str
-        Why a better tier has no answer; empty where this is the best there could be.
-    tier_below : str
-        Of a proven truth the tier of the columns that no proof encloses: efforts and forces.
-    guides : frozenset of str, optional
-        Those whose events count; all where None.
+    `tier` is one of those above; of a proven truth the columns that no proof encloses, efforts and forces, have
+    `tier_below`. `uncertainty` is by column the largest error to be expected between events, and that of their times
+    under ``"event time"``. `events` are in order of time, with two-sided values; only those of `guides` count, all
+    where None. `jump_closed_form`, shape (events,), is the jump of the drive's effort at each event from its closed
+    form. `note` says why a better tier has no answer; it is empty where this is the best there could be.
     """
 
     scene: str
@@ -94,20 +78,12 @@ class Truth:
         uncertainty = {name: rounding * float(1 + np.max(np.abs(values))) for name, values in found.items()}
         if switches is not None:
             uncertainty["event time"] = rounding * max(t_end, 1.0)
-        events = []
-        for time, kind, guide in switches or ():
-            sides = (columns(np.array([time]), side) for side in SIDES)
-            before, after = ({name: float(values[0]) for name, values in side.items()} for side in sides)
-            events.append(Event(time, kind, guide, before, after))
-        return cls(scene.name, CLOSED_FORM, t_end, columns, uncertainty, tuple(events))
+        return cls(scene.name, CLOSED_FORM, t_end, columns, uncertainty, two_sided(switches or (), columns))
 
     def __call__(self, t: np.ndarray | float, side: str = "after") -> dict[str, np.ndarray]:
         """Return the columns of a Trajectory at times t; `side` says which value holds at an event itself.
 
-        Raises
-        ------
-        ValueError
-            For a time outside of [0, t_end] or an unknown side.
+        Raises ValueError for a time outside of [0, t_end] or an unknown side.
         """
         if side not in SIDES:
             raise ValueError(f"side: found {side!r}; expected one of {', '.join(SIDES)}")
@@ -116,6 +92,14 @@ class Truth:
         if not np.all((t >= -rounding) & (t <= self.t_end + rounding)):
             raise ValueError(f"t: found {t.min():g} .. {t.max():g} s; expected times within 0 .. {self.t_end:g} s")
         return self.columns(np.clip(t, 0.0, self.t_end), side)
+
+
+def two_sided(switches: Sequence[tuple[float, str, str]], columns: Columns) -> tuple[Event, ...]:
+    """Return events, with the columns on both sides, of the time, kind and guide of each."""
+    times = np.array([time for time, _, _ in switches])
+    sides = [columns(times, side) for side in SIDES]
+    values = [[dict(zip(side, row)) for row in np.array(list(side.values())).T.tolist()] for side in sides]
+    return tuple(Event(*switch, *both) for switch, *both in zip(switches, *values))
 
 
 def body_columns(body: str, *motion: Sequence[np.ndarray]) -> dict[str, np.ndarray]:

@@ -16,8 +16,8 @@ from typing import Any
 
 from flint import arb, arb_mat, arb_poly, arb_series
 
-from stiction.comparisons.proof.enclosures.series import (Expansion, Timed, TooLong, Value, constants, expand, halves,
-                                                          identity, partials, time_series)
+from stiction.comparisons.proof.enclosures.series import (Expansion, Timed, TooLong, Value, constants, halves, identity,
+                                                          partials, time_series)
 
 _PICARD = 30
 _WIDEN = arb(1) / 8
@@ -79,31 +79,21 @@ def _closed(fine: Sequence[Any], wide: Sequence[Any]) -> list[Any]:
     return [*fine[:-1], wide[-1]]
 
 
-@dataclass(frozen=True)
 class Arc:
-    """All solutions from a set of starts at t over h seconds (an upper bound), with remainders of some order.
+    """All solutions from a set of starts (q, v) at t over h seconds (an upper bound), with remainders of some order.
 
     They stay in `enclosure`; `wide` is their expansion about any instant of the stretch, `fine` about its start.
     """
 
-    t: arb
-    h: arb
-    order: int
-    timed: Timed
-    enclosure: APriori
-    wide: Expansion
-    fine: Expansion
-
-    @classmethod
-    def of(cls, timed: Timed, t: arb, h: arb, start: Sequence[arb], order: int) -> Arc:
-        """Enclose all solutions from a set of starts (q, v) over [t, t + h]."""
-        bound = a_priori(timed, t, h, start)
-        wide = expand(timed, t + arb(0).union(h), bound.state, order, bound.variation)
-        return cls(t, h, order, timed, bound, wide, expand(timed, t, start, order, identity(len(start))))
+    def __init__(self, timed: Timed, t: arb, h: arb, start: Sequence[arb], order: int):
+        self.timed, self.t, self.h, self.order = timed, t, h, order
+        self.enclosure = a_priori(timed, t, h, start)
+        self.wide = Expansion(timed, t + arb(0).union(h), self.enclosure.state, order, self.enclosure.variation)
+        self.fine = Expansion(timed, t, start, order, identity(len(start)))
 
     def one(self, t: arb, start: Sequence[arb]) -> Expansion:
         """Expansion of the solution from a start within the set (t and the start are thinner balls)."""
-        return expand(self.timed, t, start, self.order)
+        return Expansion(self.timed, t, start, self.order)
 
     def remainder(self, groups: Mapping[Hashable, Sequence[arb_poly]]) -> arb:
         """The largest remainder of q, v and functions at the end of the stretch (upper bound)."""

@@ -40,14 +40,12 @@ class Exact:
     product: tuple[fmpq, int, tuple[str, ...]] | None = None
 
     @classmethod
-    def of(cls, q: fmpq | Fraction | int, k: int = 0) -> Exact:
-        """q pi^k."""
+    def of(cls, q: fmpq | Fraction | int, k: int = 0, waves: tuple[str, ...] = (), ball: arb | None = None) -> Exact:
+        """q pi^k; times sines and cosines in a `ball`, if there are some."""
         q = fmpq(q.numerator, q.denominator)
+        if waves and q != 0:
+            return cls(ball, (q, k, waves))
         return cls(arb(q) * arb.pi() ** k, (q, k if q != 0 else 0, ()))
-
-    @classmethod
-    def _product(cls, ball: arb, q: fmpq, k: int, waves: tuple[str, ...]) -> Exact:
-        return cls(ball, (q, k, waves)) if waves and q != 0 else cls.of(q, k)
 
     @property
     def factors(self) -> tuple[fmpq, int] | None:
@@ -63,7 +61,7 @@ class Exact:
             return other if self._zero else self
         ball = self.ball + other.ball
         if self.product and other.product and self.product[1:] == other.product[1:]:
-            return Exact._product(ball, self.product[0] + other.product[0], *self.product[1:])
+            return Exact.of(self.product[0] + other.product[0], *self.product[1:], ball)
         return Exact(ball)
 
     def __neg__(self) -> Exact:
@@ -78,7 +76,7 @@ class Exact:
         ball = self.ball * other.ball
         if self.product and other.product:
             (p, j, some), (q, k, others) = self.product, other.product
-            return Exact._product(ball, p * q, j + k, tuple(sorted(some + others)))
+            return Exact.of(p * q, j + k, tuple(sorted(some + others)), ball)
         return Exact(ball)
 
     def __truediv__(self, other: Exact) -> Exact:
@@ -161,27 +159,35 @@ def _exact(node: ast.expr, text: str, names: Mapping[str, Exact]) -> Exact:
     raise ValueError(f"found {ast.unparse(node)!r}; expected numbers, names, arithmetic and functions")
 
 
-class ExactScene:
-    """The numbers of a scene by where they stand, at the working precision."""
+class ExactPart:
+    """A part of a scene as its model has it, with exact numbers: those that are written, else the model's defaults."""
 
-    def __init__(self, scene: Scene):
-        self.scene = scene
-        self.parameters: dict[str, Exact] = {}
-        for name, value in scene._raw.get("parameters", {}).items():
-            self.parameters[name] = exact(value, self.parameters)
+    def __init__(self, written: Any, model: Any, parameters: Mapping[str, Exact]):
+        self._written, self._model, self._parameters = written, model, parameters
 
-    def __call__(self, *path: str | int) -> Exact:
-        """The number at a path such as ``("bodies", "bar", "mass")``; where the scene has none, the model's default."""
-        place: Any = self.scene._raw
+    def __getitem__(self, key: str | int) -> Any:
+        """Return a field or an item: a part, an exact number, or None where the scene has none."""
+        value = getattr(self._model, str(key)) if isinstance(self._model, Model) else self._model[key]
         try:
-            for key in path:
-                place = place[key]
-        except (KeyError, IndexError):
-            place = self.scene
-            for key in path:
-                place = getattr(place, key) if isinstance(key, str) and isinstance(place, Model) else place[key]
-        return exact(place, self.parameters)
+            written = self._written[key]
+        except (KeyError, IndexError, TypeError):
+            written = value
+        if isinstance(value, Model | Mapping | tuple):
+            return ExactPart(written, value, self._parameters)
+        return None if value is None else exact(written, self._parameters)
 
-    def vector(self, *path: str | int) -> tuple[Exact, Exact]:
-        """The two numbers at a path."""
-        return self(*path, 0), self(*path, 1)
+    def __getattr__(self, name: str) -> Any:
+        return self[name]
+
+
+def exact_parameters(scene: Scene) -> dict[str, Exact]:
+    """The parameters of a scene, at the working precision."""
+    found: dict[str, Exact] = {}
+    for name, value in scene._raw.get("parameters", {}).items():
+        found[name] = exact(value, found)
+    return found
+
+
+def exact_scene(scene: Scene) -> ExactPart:
+    """A whole scene with exact numbers, at the working precision."""
+    return ExactPart(scene._raw, scene, exact_parameters(scene))

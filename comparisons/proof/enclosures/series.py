@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 from flint import arb, arb_mat, arb_series, ctx
@@ -35,13 +34,7 @@ class TooLong(NotProven):
 
 
 def quotient(numerator: Value, denominator: Value) -> Value:
-    """Divide two values.
-
-    Raises
-    ------
-    TooLong
-        If the denominator is not proven to differ from zero.
-    """
+    """Divide two values; raises TooLong if the denominator is not proven to differ from zero."""
     leading = denominator.value if isinstance(denominator, Jet) else denominator
     if leading[0].contains(0):
         raise TooLong("a denominator is not proven to differ from zero")
@@ -125,58 +118,39 @@ def partials(function: Callable[..., Sequence[Value]],
             [f.gradient if isinstance(f, Jet) else zero for f in found])
 
 
-@dataclass(frozen=True)
 class Expansion:
-    """Taylor coefficients of a solution of an equation about its start.
+    """Taylor coefficients 0 .. order of the solution of an equation from (q, v) at an instant, about that.
 
-    Attributes
-    ----------
-    t : arb_series
-        Time about the start.
-    state : list of list of arb
-        By component of (q, v) and power of time.
-    variation : list of arb_mat
-        Derivatives of the state by the start, by power of time. Empty if not requested.
+    `t` is time as a power series. `state` is by component of (q, v) and power of time; `variation`, the derivatives of
+    the state by the start, by power of time, and empty if it is not requested by its own start.
+
+    From coefficients 0 .. k of q and v the equation gives coefficient k of q'', which is k + 1 times coefficient k + 1
+    of v (R. E. Moore, Interval Analysis, 1966, ch. 11). The variational equation E' = B E, B = [[0, 1], df/d(q, v)], is
+    linear: with the partial derivatives as power series along the solution,
+    (k + 1) E[k + 1] = B[0] E[k] + ... + B[k] E[0].
     """
 
-    t: arb_series
-    equation: Equation
-    state: list[list[arb]]
-    variation: list[arb_mat]
+    def __init__(self, timed: Timed, t: arb, start: Sequence[arb], order: int, variation: arb_mat | None = None):
+        self.t = time_series(t, order + 1)
+        self.equation = timed(self.t)
+        self.state = [[value] for value in start]
+        self.variation: list[arb_mat] = []
+        for k in range(order):
+            accelerations = self.equation(*halves(self.series(k + 1)))
+            for position, velocity, acceleration in zip(*halves(self.state), accelerations):
+                position.append(velocity[k] / (k + 1))
+                velocity.append(acceleration[k] / (k + 1))
+        if variation is not None:
+            E, size, n = self.variation, len(start), len(start) // 2
+            _, gradients = partials(self.equation, self.series(order))
+            speeds, nothing = identity(size).tolist()[n:], [[0] * size] * n
+            B = [arb_mat((nothing if k else speeds) + [[g[k] for g in gradient] for gradient in gradients])
+                 for k in range(order)]
+            E.append(variation)
+            for k in range(order):
+                products = (B[i] * E[k - i] for i in range(k + 1))
+                E.append(sum(products, arb_mat(size, size)) * (arb(1) / (k + 1)))
 
     def series(self, order: int) -> list[arb_series]:
         """The state as power series of `order` coefficients."""
         return [arb_series(coefficients, order) for coefficients in self.state]
-
-
-def expand(timed: Timed, t: arb, start: Sequence[arb], order: int, variation: arb_mat | None = None) -> Expansion:
-    """Coefficients 0 .. order of the solution from (q, v) at t; of the variational equation from `variation` too.
-
-    From coefficients 0 .. k of q and v the equation gives coefficient k of q'', which is k + 1 times coefficient k + 1
-    of v (R. E. Moore, Interval Analysis, 1966, ch. 11). The variational equation E' = B(t) E is linear: with the
-    partial derivatives of the equation as power series along the solution,
-    (k + 1) E[k + 1] = B[0] E[k] + ... + B[k] E[0].
-    """
-    time = time_series(t, order + 1)
-    found = Expansion(time, timed(time), [[value] for value in start], [])
-    for k in range(order):
-        accelerations = found.equation(*halves(found.series(k + 1)))
-        for position, velocity, acceleration in zip(*halves(found.state), accelerations):
-            position.append(velocity[k] / (k + 1))
-            velocity.append(acceleration[k] / (k + 1))
-    if variation is not None:
-        B, E = _variational(found.equation, found.series(order)), found.variation
-        E.append(variation)
-        for k in range(order):
-            products = (B[i] * E[k - i] for i in range(k + 1))
-            E.append(sum(products, arb_mat(len(start), len(start))) * (arb(1) / (k + 1)))
-    return found
-
-
-def _variational(equation: Equation, state: Sequence[arb_series]) -> list[arb_mat]:
-    """Coefficients B by power of time of E' = B E, B = [[0, 1], df/d(q, v)]."""
-    size, n = len(state), len(state) // 2
-    _, gradients = partials(equation, state)
-    speeds, nothing = identity(size).tolist()[n:], [[0] * size] * n
-    return [arb_mat((nothing if k else speeds) + [[g[k] for g in gradient] for gradient in gradients])
-            for k in range(state[0].prec)]

@@ -35,20 +35,11 @@ def first_zero(groups: Mapping[Hashable, Sequence[arb_poly]], t: arb, h: arb,
                zeros: Mapping[Hashable, int]) -> Zero | None:
     """The first instant in (0, h] at which the largest function of some group becomes negative; None if none does.
 
-    Parameters
-    ----------
-    groups
-        Functions of time as enclosures: each coefficient a ball, the last one Lagrange's remainder. Their formal
-        derivatives then enclose the derivatives.
-    t
-        The time of 0 in the motion.
-    zeros
-        By group: how many of the first derivatives, the value included, are zero at 0 (groups of one function).
+    The functions are enclosures by polynomials: each coefficient a ball, the last one Lagrange's remainder. Their
+    formal derivatives then enclose the derivatives. t is the time of 0 in the motion. `zeros` says by group (of one
+    function) how many of the first derivatives, the value included, are zero at 0.
 
-    Raises
-    ------
-    Undecided
-        Where a group neither is proven positive nor to cross zero with a slope, or two cross at once.
+    Raises Undecided where a group neither is proven positive nor to cross zero with a slope, or two cross at once.
     """
     first: Zero | None = None
     for name, group in groups.items():

@@ -27,7 +27,7 @@ from stiction.comparisons.truth.reduced.moving_guide import TURNING_ARM
 from stiction.scenes import Scene
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MovingGuide(OneSlider):
     """Parameters as in the module's text.
 
@@ -37,31 +37,15 @@ class MovingGuide(OneSlider):
     m: arb
     slider: arb
     arm: arb
-    gravity: tuple[arb, arb]
-    spring: tuple[arb, arb, arb]
-    twist: tuple[arb, arb, arb]
+    gravity: tuple[arb, ...]
+    spring: tuple[arb, ...]
+    twist: tuple[arb, ...]
     driven: bool
-    contact: Contact
-    at_rest: bool
-    q: list[arb]
-    v: list[arb]
-    t_end: arb
-    joint: str
-    pivot: tuple[arb, arb]
-    surface: arb = ZERO.ball
+    pivot: tuple[arb, ...]
 
     def _across(self, th: Value) -> Value:
         """m g.n."""
         return th.cos() * (self.m * self.gravity[1]) - th.sin() * (self.m * self.gravity[0])
-
-    def _turn(self, q: list[Value], v: list[Value]) -> Value:
-        """th''."""
-        if self.driven:
-            return v[1] * 0
-        kt, dt, th0 = self.twist
-        coriolis = v[0] * v[1] * (2 * self.m)
-        moment = (q[1] - th0) * -kt - v[1] * dt - q[0] * (coriolis - self._across(q[1]))
-        return quotient(moment, q[0] * q[0] * self.m + (self.arm + self.slider))
 
     def _loads(self, q: list[Value], v: list[Value], turn: Value) -> tuple[Value, Value, Value]:
         """R, M and P with th'' = turn."""
@@ -76,7 +60,13 @@ class MovingGuide(OneSlider):
 
     def equation(self, mode: Mode, t):
         def acceleration(q: list[Value], v: list[Value]) -> list[Value]:
-            turn = self._turn(q, v)
+            if self.driven:
+                turn = v[1] * 0
+            else:
+                kt, dt, th0 = self.twist
+                coriolis = v[0] * v[1] * (2 * self.m)
+                moment = (q[1] - th0) * -kt - v[1] * dt - q[0] * (coriolis - self._across(q[1]))
+                turn = quotient(moment, q[0] * q[0] * self.m + (self.arm + self.slider))
             if mode[0] == 0:
                 return [turn * 0, turn]
             R, M, P = self._loads(q, v, turn)
@@ -87,11 +77,11 @@ class MovingGuide(OneSlider):
     def require_unique(self, mode, t, bound=None) -> None:
         """Accelerations do not enter what friction depends on: one solution, by the a-priori enclosure."""
 
-    def columns(self, t, q, v) -> dict[str, Value]:
+    def columns(self, t, q, v):
         return {f"{self.joint}.displacement": q[0], f"{self.joint}.slip_velocity": v[0],
                 "arm.angle": q[1], "arm.omega": v[1]}
 
-    def bodies(self, t, q, v) -> dict[str, Value]:
+    def bodies(self, t, q, v):
         (r, th), (speed, turn) = q, v
         sine, cosine, across = th.sin(), th.cos(), r * turn
         return self.columns(t, q, v) | {
@@ -102,24 +92,24 @@ class MovingGuide(OneSlider):
     @classmethod
     def from_scene(cls, scene: Scene) -> MovingGuide:
         reader = SceneReader(scene, TURNING_ARM)
-        name, pivot = reader.found.name("guide"), reader.found.name("pivot")
-        angle, turn = reader.body("arm", "angle"), reader.body("arm", "angular_velocity")
-        driven = reader.found["motor"] is not None
-        reader.require(not driven or reader.part("drives", "motor", "law", "offset").equals(angle)
-                       and reader.part("drives", "motor", "law", "rate").equals(turn),
+        arm, slider, motor = reader.body("arm"), reader.body("slider"), reader["motor"]
+        spring, twist, origin = reader["spring"], reader["twist"], reader["pivot"].points[1]
+        reader.require(motor is None or motor.law.offset.equals(arm.angle)
+                       and motor.law.rate.equals(arm.angular_velocity),
                        "drives: expected one that meets the start of the arm")
-        k, d, rest_length = (reader.part("springs", "spring", part) for part in ("stiffness", "damping", "rest_length"))
-        spring = k, d, reader.part("springs", "spring", "points", 1, 0) + rest_length
-        twist = (reader.part("springs", "twist", part) for part in ("stiffness", "damping", "rest_angle"))
-        origin, velocity = reader.vector("joints", pivot, "points", 1), reader.place("slider", "velocity")
-        x, y = (place.ball - at.ball for place, at in zip(reader.place("slider", "position"), origin))
-        vx, vy = balls(velocity)
+        angle, turn = arm.angle, arm.angular_velocity
+        x, y = (place.ball - at.ball for place, at in zip(slider.position, origin))
+        vx, vy = balls(slider.velocity)
         cosine, sine = angle.ball.cos(), angle.ball.sin()
-        still = all(value.is_zero for value in (*velocity, turn))
-        v = [ZERO.ball if still else vx * cosine + vy * sine, turn.ball]
-        found = cls(reader.body("slider", "mass").ball, reader.body("slider", "inertia").ball,
-                    reader.body("arm", "inertia").ball, balls(reader.gravity()), balls(spring), balls(twist), driven,
-                    Contact.of(reader, name), still, [x * cosine + y * sine, angle.ball], v, reader("t_end").ball, name,
-                    balls(origin))
-        reader.require_start(found, reader.place("arm", "velocity"))
+        at_rest = all(value.is_zero for value in (*slider.velocity, turn))
+        found = cls(
+            m=slider.mass.ball, slider=slider.inertia.ball, arm=arm.inertia.ball, gravity=balls(reader.gravity),
+            spring=balls((spring.stiffness, spring.damping, spring.points[1][0] + spring.rest_length) if spring
+                         else (ZERO,) * 3),
+            twist=balls((twist.stiffness, twist.damping, twist.rest_angle) if twist else (ZERO,) * 3),
+            driven=motor is not None, pivot=balls(origin), contact=Contact.of(reader["guide"]), surface=ZERO.ball,
+            at_rest=at_rest, q=[x * cosine + y * sine, angle.ball],
+            v=[ZERO.ball if at_rest else vx * cosine + vy * sine, turn.ball], t_end=reader.t_end,
+            joint=reader.found.name("guide"))
+        reader.require_start(found, arm.velocity)
         return found

@@ -18,11 +18,12 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.arc import APriori
-from stiction.comparisons.proof.enclosures.exact import ZERO, ExactScene
+from stiction.comparisons.proof.enclosures.exact import ZERO, ExactPart
 from stiction.comparisons.proof.enclosures.series import Value
 from stiction.comparisons.proof.enclosures.zeros import Undecided
 from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism
@@ -38,7 +39,7 @@ SLIP, NORMAL, REAR, FRONT = "slip", "normal", "rear", "front"
 class Contact:
     """Dimensions and friction of a slider: a (None: no corner forces), b, mu, mus; exactly: mu = mus, and mus = 0."""
 
-    length: arb | None
+    length: Any
     width: arb
     mu: arb
     mus: arb
@@ -46,29 +47,20 @@ class Contact:
     frictionless: bool
 
     @classmethod
-    def of(cls, exact: ExactScene, name: str) -> Contact:
+    def of(cls, guide: ExactPart) -> Contact:
         """The contact of a scene's guide."""
-        guide, path = exact.scene.guides[name], ("joints", name)
-        mu = exact(*path, "mu") if guide.mu is not None else ZERO
-        mus = exact(*path, "mus") if guide.mus is not None else mu
-        length = None if guide.length is None else exact(*path, "length").ball
-        width = arb(0) if guide.width is None else exact(*path, "width").ball
-        return cls(length, width, mu.ball, mus.ball, mu.equals(mus), mus.is_zero)
-
-    @property
-    def between_corners(self) -> arb:
-        """a; raises ValueError for a slider without corner forces."""
-        if self.length is None:
-            raise ValueError("length: found none; expected that of a slider with corner forces")
-        return self.length
+        mu = guide.mu or ZERO
+        mus = guide.mus or mu
+        return cls(guide.length and guide.length.ball, (guide.width or ZERO).ball, mu.ball, mus.ball, mu.equals(mus),
+                   mus.is_zero)
 
     def friction(self, slip: int) -> arb:
         """s mu."""
-        return arb(0) if self.frictionless else slip * self.mu
+        return slip * self.mu
 
     def difference(self, R: Value, M: Value, friction: arb) -> Value:
         """D with s mu, or s mus, = friction."""
-        return (M + R * (friction * self.width / 2)) * (2 / self.between_corners)
+        return (M + R * (friction * self.width / 2)) * (2 / self.length)
 
     def load(self, R: Value, M: Value, mode: Mode) -> Value:
         """N in slip: E R + T D, with E = (e1 + e2)/2 and T = (e2 - e1)/2, of which one is zero."""
@@ -78,7 +70,8 @@ class Contact:
         return self.difference(R, M, self.friction(slip)) * e2
 
 
-class OneSlider(ProvableMechanism[Mode, str | int]):
+@dataclass(frozen=True, kw_only=True)
+class OneSlider(ProvableMechanism):
     """A mechanism with one slider on a surface of speed u, m/s; `at_rest` where x' = u exactly at t = 0."""
 
     contact: Contact

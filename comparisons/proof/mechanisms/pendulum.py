@@ -16,21 +16,15 @@ from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, ball
 from stiction.comparisons.truth.closed_form.pendulum import PENDULUM
 from stiction.scenes import Scene
 
-SWING = "swing"
 
-
-@dataclass(frozen=True)
-class Pendulum(ProvableMechanism[str, str]):
+@dataclass(frozen=True, kw_only=True)
+class Pendulum(ProvableMechanism):
     """Length and gravity, pivot, angle from the lowest position and its rate at t = 0 (q, v)."""
 
     length: arb
     g: arb
-    pivot: tuple[arb, arb]
-    q: list[arb]
-    v: list[arb]
-    t_end: arb
+    pivot: tuple[arb, ...]
     body: str
-    joint: str = ""
 
     def equation(self, mode, t):
         w2 = self.g / self.length
@@ -40,7 +34,7 @@ class Pendulum(ProvableMechanism[str, str]):
         return {}
 
     def start(self) -> Next:
-        return Next(SWING)
+        return Next("swing")
 
     def after(self, mode, guard, t, q, v) -> Next:
         raise AssertionError("a pendulum has no guards")
@@ -48,7 +42,7 @@ class Pendulum(ProvableMechanism[str, str]):
     def require_unique(self, mode, t, bound) -> None:
         """The equation is Lipschitz: the a-priori enclosure proves it."""
 
-    def columns(self, t, q, v) -> dict[str, arb]:
+    def columns(self, t, q, v):
         sine, cosine, l, name = q[0].sin(), q[0].cos(), self.length, self.body
         return {f"{name}.x": self.pivot[0] + l * sine, f"{name}.y": self.pivot[1] - l * cosine,
                 f"{name}.vx": l * v[0] * cosine, f"{name}.vy": l * v[0] * sine}
@@ -57,12 +51,10 @@ class Pendulum(ProvableMechanism[str, str]):
     def from_scene(cls, scene: Scene) -> Pendulum:
         """Parameters of a scene; its start is taken to meet the constraint."""
         reader = SceneReader(scene, PENDULUM)
-        drive = reader.found.name("rod")
-        pivot, length = reader.vector("drives", drive, "points", 1), reader("drives", drive, "law", "value")
-        arm = [place - origin for place, origin in zip(reader.place("mass", "position"), pivot)]
-        velocity = reader.place("mass", "velocity")
-        moment = arm[0] * velocity[1] - arm[1] * velocity[0]
+        rod, mass = reader["rod"], reader.body("mass")
+        pivot, length = rod.points[1], rod.law.value
+        arm = [place - origin for place, origin in zip(mass.position, pivot)]
+        moment = arm[0] * mass.velocity[1] - arm[1] * mass.velocity[0]
         rate = ZERO if moment.is_zero else moment / (length * length)
-        angle = arb.atan2(arm[0].ball, -arm[1].ball)
-        return cls(length.ball, -reader("gravity", 1).ball, balls(pivot), [angle], [rate.ball], reader("t_end").ball,
-                   reader.found.bodies["mass"])
+        return cls(length=length.ball, g=-reader.gravity[1].ball, pivot=balls(pivot), body=reader.found.bodies["mass"],
+                   q=[arb.atan2(arm[0].ball, -arm[1].ball)], v=[rate.ball], t_end=reader.t_end)

@@ -1,20 +1,22 @@
-"""A scene read as a mechanism: its exact numbers, and whether its start is one of the mechanism's."""
+"""A scene read as a mechanism: its parts with exact numbers, and whether its start is one of the mechanism's."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from flint import arb
 
-from stiction.comparisons.proof.enclosures.exact import ZERO, Exact, ExactScene
-from stiction.comparisons.proof.mechanisms.mechanism import ProvableMechanism, SineLoad
+from stiction.comparisons.proof.enclosures.exact import ZERO, Exact, ExactPart, exact_scene
+from stiction.comparisons.proof.mechanisms.mechanism import Load, ProvableMechanism
 from stiction.comparisons.truth.structure import Structure
 from stiction.scenes import Scene
 from stiction.scenes.laws import Constant
 
-_PLACES = {"x": ("position", 0), "y": ("position", 1), "vx": ("velocity", 0), "vy": ("velocity", 1),
-           "angle": ("angle",), "omega": ("angular_velocity",)}
-"""Place of the start of a body's columns in a scene."""
+_PLACES = {"x": lambda body: body.position[0], "y": lambda body: body.position[1],
+           "vx": lambda body: body.velocity[0], "vy": lambda body: body.velocity[1],
+           "angle": lambda body: body.angle, "omega": lambda body: body.angular_velocity}
+"""The start of a body's columns."""
 
 
 def balls(values: Iterable[Exact]) -> tuple[arb, ...]:
@@ -22,45 +24,43 @@ def balls(values: Iterable[Exact]) -> tuple[arb, ...]:
     return tuple(value.ball for value in values)
 
 
-class SceneReader(ExactScene):
+class SceneReader:
     """A scene of some structure; raises NotThisMechanism, naming what keeps the scene from having it."""
 
     def __init__(self, scene: Scene, structure: Structure):
-        super().__init__(scene)
-        self.structure, self.found = structure, structure.match(scene)
+        self.scene, self.structure, self.found = scene, structure, structure.match(scene)
+        self.numbers = exact_scene(scene)
+        self.gravity = (ZERO, ZERO) if scene.gravity is None else tuple(self.numbers.gravity)
+        self.t_end = self.numbers.t_end.ball
 
     def require(self, condition: bool, text: str) -> None:
         """Check what a structure cannot say; raises NotThisMechanism with what was expected."""
         if not condition:
             raise self.structure.misfit(self.scene, text)
 
-    def body(self, role: str, *path: str | int) -> Exact:
-        """A number of a body."""
-        return self("bodies", self.found.bodies[role], *path)
+    def body(self, role: str) -> ExactPart:
+        """A body of the structure."""
+        return self.numbers.bodies[self.found.bodies[role]]
 
-    def part(self, section: str, label: str, *path: str | int) -> Exact:
-        """A number of a part of the structure; zero where the scene has no such part."""
-        name = next(iter(self.found.elements.get(label, ())), None)
-        return ZERO if name is None else self(section, name, *path)
+    def elements(self, label: str) -> dict[str, ExactPart]:
+        """The elements of a part of the structure, by name."""
+        names, sections = self.found.elements.get(label, ()), ("joints", "drives", "springs", "forces")
+        return {name: self.numbers[section][name] for name in names for section in sections
+                if name in getattr(self.scene, section)}
 
-    def gravity(self) -> tuple[Exact, Exact]:
-        """Gravity, m/s^2; zero where the scene has none."""
-        return self.vector("gravity") if self.scene.gravity is not None else (ZERO, ZERO)
+    def __getitem__(self, label: str) -> Any:
+        """Return the element of a part; None where the scene has none."""
+        return next(iter(self.elements(label).values()), None)
 
-    def place(self, role: str, field: str) -> tuple[Exact, Exact]:
-        """The position or velocity of a body."""
-        return self.vector("bodies", self.found.bodies[role], field)
-
-    def loads(self, label: str) -> tuple[Exact, tuple[SineLoad, ...]]:
+    def loads(self, label: str) -> tuple[Exact, tuple[Load, ...]]:
         """The sum of what is constant of some loads, whose laws are constants or sines, and the sines."""
         total, sines = ZERO, []
-        for key, load in self.found.elements[label].items():
-            path = ("forces", key, "law")
-            if isinstance(load.law, Constant):
-                total = total + self(*path, "value")
+        for name, load in self.elements(label).items():
+            if isinstance(self.scene.forces[name].law, Constant):
+                total = total + load.law.value
             else:
-                total = total + self(*path, "offset")
-                sines.append(SineLoad(*(self(*path, part).ball for part in ("amplitude", "frequency", "phase"))))
+                total = total + load.law.offset
+                sines.append(_sine(*balls((load.law.amplitude, load.law.frequency, load.law.phase))))
         return total, tuple(sines)
 
     def require_start(self, mechanism: ProvableMechanism, zero: Iterable[Exact]) -> None:
@@ -69,5 +69,9 @@ class SceneReader(ExactScene):
         for column, ball in mechanism.bodies(arb(0), mechanism.q, mechanism.v).items():
             name, _, part = column.rpartition(".")
             if name in self.scene.bodies:
-                differences.append(ball - self("bodies", name, *_PLACES[part]).ball)
+                differences.append(ball - _PLACES[part](self.numbers.bodies[name]).ball)
         self.require(all(ball.contains(0) for ball in differences), "bodies: the start violates the constraints")
+
+
+def _sine(amplitude: arb, frequency: arb, phase: arb) -> Load:
+    return lambda t: amplitude * (frequency * t + phase).sin()

@@ -22,6 +22,7 @@ equation m x'' + s mu max(|R|, |D(x'')|) = P then has an increasing left side. T
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from flint import arb, arb_series
 
@@ -29,7 +30,7 @@ from stiction.comparisons.proof.enclosures.arc import APriori
 from stiction.comparisons.proof.enclosures.exact import ONE, ZERO, Exact
 from stiction.comparisons.proof.enclosures.series import Value, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import SineLoad
+from stiction.comparisons.proof.mechanisms.mechanism import Load
 from stiction.comparisons.proof.mechanisms.one_slider import Contact, Mode, OneSlider
 from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, balls
 from stiction.comparisons.truth.structure import ANY, CENTRE, FORWARD, NEGATIVE, SEVERAL, Part, Structure
@@ -38,6 +39,8 @@ from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine
 from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Translational
 
+Vector = Any
+"""Two exact numbers, by their index."""
 _OTHERS = {"springs": Part(LinearSpring, "slider", GROUND, count=SEVERAL, points=(CENTRE, ANY)),
            "loads": Part(Force, "slider", count=SEVERAL, point=CENTRE, law=Constant | Sine)}
 _MASS = "one mass on a straight guide"
@@ -53,7 +56,7 @@ ON_BELT = Structure(f"{_MASS} that a drive moves", ("slider", "belt"), {
     "drive": Part(Drive, "belt", GROUND, type="distance", axis=FORWARD, law=Linear)}, any_names=True)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SlidingMass(OneSlider):
     """Parameters as in the module's text.
 
@@ -65,24 +68,17 @@ class SlidingMass(OneSlider):
     mass: arb
     weight: arb
     force: arb
-    loads: tuple[SineLoad, ...]
+    loads: tuple[Load, ...]
     stiffness: arb
     damping: arb
     c: arb
     g: arb
     rate: arb
     angle: arb
-    contact: Contact
-    at_rest: bool
-    surface: arb
-    q: list[arb]
-    v: list[arb]
-    t_end: arb
-    joint: str
     names: tuple[str, str]
     body: str
-    along: tuple[arb, arb]
-    offset: tuple[arb, arb]
+    along: tuple[arb, ...]
+    offset: tuple[arb, ...]
     bar: tuple[str, arb] | None
     belt: tuple[str, arb] | None
 
@@ -113,7 +109,7 @@ class SlidingMass(OneSlider):
         friction, inertia = contact.friction(slip), arb_series([self.mass], t.prec)
         N = contact.load(self._normal(t), self._moment(t, zero), mode)
         if e1 != e2:
-            inertia = inertia - friction * e2 * (2 / contact.between_corners) * self.c * self._theta(t).sin()
+            inertia = inertia - friction * e2 * (2 / contact.length) * self.c * self._theta(t).sin()
         factor = quotient(arb_series([1], t.prec), inertia)
         push = (self._load(t) - friction * N) * factor
         stiffness, damping = factor * self.stiffness, factor * self.damping
@@ -129,10 +125,10 @@ class SlidingMass(OneSlider):
         if not (contact.mus if mode[0] == 0 else contact.mu) * gain < self.mass:
             raise Undecided("friction gain < 1, on which existence and uniqueness rest", t)
 
-    def columns(self, t: Value, q, v) -> dict[str, Value]:
+    def columns(self, t, q, v):
         return dict(zip(self.names, (q[0], v[0])))
 
-    def bodies(self, t: Value, q, v) -> dict[str, Value]:
+    def bodies(self, t, q, v):
         found, body = self.columns(t, q, v), self.body
         for i, axis in enumerate("xy"):
             found[f"{body}.{axis}"] = self.offset[i] + q[0] * self.along[i]
@@ -152,83 +148,71 @@ class SlidingMass(OneSlider):
     def from_scene(cls, scene: Scene) -> SlidingMass:
         joints = {type(joint) for joint in scene.joints.values()}
         structure = WITH_BAR if Revolute in joints else ON_BELT if len(scene.bodies) == 2 else ALONE
-        return _Reader(scene, structure).mechanism()
-
-
-class _Reader(SceneReader):
-    """A scene read as a sliding mass; `along` is the direction of its guide."""
-
-    def __init__(self, scene: Scene, structure: Structure):
-        super().__init__(scene, structure)
-        self.name, self.slider = self.found.name("guide"), self.found.bodies["slider"]
-        self.bar, self.belt = self.found.bodies.get("bar"), self.found.bodies.get("belt")
-        self.direction, self.point = (self.vector("joints", self.name, part) for part in ("direction", "point"))
-        size = _dot(self.direction, self.direction).sqrt()
-        self.along = self.direction[0] / size, self.direction[1] / size
-        self.position, self.velocity = self.place("slider", "position"), self.place("slider", "velocity")
-        self.horizontal = self.along[0].factors is not None and self.along[0].equals(ONE) and self.along[1].is_zero
-        self.require(self.horizontal or structure is ALONE, f"joints.{self.name}: expected the direction (1, 0)")
-
-    def mechanism(self) -> SlidingMass:
-        name, slider, along, gravity = self.name, self.slider, self.along, self.gravity()
-        self.require(not self.bar or gravity[0].is_zero,
-                     f"gravity: found {self.scene.gravity}; expected (0, -g) with a bar")
-        m1 = self.body("bar", "mass") if self.bar else ZERO
-        mass, c = self.body("slider", "mass") + m1, -m1 * self.part("joints", "pin", "points", 0, 0)
-        rate, angle = (self.part("drives", "motor", "law", part) for part in ("rate", "offset"))
-        surface, across = self.part("drives", "drive", "law", "rate"), along[0] * gravity[1] - along[1] * gravity[0]
-        constant, loads = self._loads()
-        stiffness, damping, force = self._springs(mass * _dot(gravity, along) + constant)
-        x, speed, names = _dot(self.position, along), _dot(self.velocity, along), (f"{slider}.x", f"{slider}.vx")
-        if not self.horizontal:  # the displacement counts from the guide's point; the spring's anchor moves with it
-            origin, names = _dot(self.point, along), (f"{name}.displacement", f"{name}.slip_velocity")
+        reader = SceneReader(scene, structure)
+        guide, slider, (gx, gy) = reader["guide"], reader.body("slider"), reader.gravity
+        name, body, belt = reader.found.name("guide"), reader.found.bodies["slider"], reader.found.bodies.get("belt")
+        size = _dot(guide.direction, guide.direction).sqrt()
+        along = guide.direction[0] / size, guide.direction[1] / size
+        horizontal = along[0].factors is not None and along[0].equals(ONE) and along[1].is_zero
+        reader.require(horizontal or structure is ALONE, f"joints.{name}: expected the direction (1, 0)")
+        mass, c, rate, angle, bar = slider.mass, ZERO, ZERO, ZERO, None
+        zero = _off_the_guide(reader, along)
+        if structure is WITH_BAR:
+            reader.require(gx.is_zero, f"gravity: found {scene.gravity}; expected (0, -g) with a bar")
+            turning, law, l = reader.body("bar"), reader["motor"].law, -reader["pin"].points[0][0]
+            mass, c, rate, angle = mass + turning.mass, turning.mass * l, law.rate, law.offset
+            bar = reader.found.bodies["bar"], l.ball
+            zero.append(turning.angular_velocity - rate)
+        surface = reader["drive"].law.rate if belt else ZERO
+        for key, load in reader.elements("loads").items():
+            reader.require(_parallel(load.direction, guide.direction),
+                           f"forces.{key}: expected a force along the guide")
+        constant, loads = reader.loads("loads")
+        stiffness, damping, pull = _springs(reader, along, horizontal)
+        x, speed, names = _dot(slider.position, along), _dot(slider.velocity, along), (f"{body}.x", f"{body}.vx")
+        force = mass * _dot(reader.gravity, along) + constant + pull
+        if not horizontal:  # the displacement counts from the guide's point; the spring's anchor moves with it
+            origin, names = _dot(guide.point, along), (f"{name}.displacement", f"{name}.slip_velocity")
             x, force = x - origin, force - stiffness * origin
-        found = SlidingMass(
-            mass=mass.ball, weight=-(mass * across).ball, force=force.ball, loads=loads, stiffness=stiffness.ball,
-            damping=damping.ball, c=c.ball, g=-gravity[1].ball, rate=rate.ball, angle=angle.ball,
-            contact=Contact.of(self, name), at_rest=speed.equals(surface), surface=surface.ball, q=[x.ball],
-            v=[speed.ball], t_end=self("t_end").ball, joint=name, names=names, body=slider, along=balls(along),
-            offset=balls(p - x * d for p, d in zip(self.position, along)),
-            bar=(self.bar, (c / m1).ball) if self.bar else None,
-            belt=(self.belt, self.body("belt", "position", 0).ball) if self.belt else None)
-        turn = [self.body("bar", "angular_velocity") - rate] if self.bar else []
-        self.require_start(found, self._off_the_guide() + turn)
+        found = cls(
+            mass=mass.ball, weight=-(mass * (along[0] * gy - along[1] * gx)).ball, force=force.ball, loads=loads,
+            stiffness=stiffness.ball, damping=damping.ball, c=c.ball, g=-gy.ball, rate=rate.ball, angle=angle.ball,
+            contact=Contact.of(guide), at_rest=speed.equals(surface), surface=surface.ball, q=[x.ball], v=[speed.ball],
+            t_end=reader.t_end, joint=name, names=names, body=body, along=balls(along),
+            offset=balls(p - x * d for p, d in zip(slider.position, along)), bar=bar,
+            belt=(belt, reader.body("belt").position[0].ball) if belt else None)
+        reader.require_start(found, zero)
         return found
 
-    def _loads(self) -> tuple[Exact, tuple[SineLoad, ...]]:
-        for key in self.found.elements["loads"]:
-            self.require(self._parallel(self.vector("forces", key, "direction")),
-                         f"forces.{key}: expected a force along the guide")
-        return self.loads("loads")
 
-    def _springs(self, force: Exact) -> tuple[Exact, Exact, Exact]:
-        """Stiffness and damping of all springs, and a constant force with theirs at x = 0."""
-        height = self.scene.bodies[self.slider].position[1]
-        stiffness, damping = ZERO, ZERO
-        for key, spring in self.found.elements["springs"].items():
-            at = ("springs", key)
-            k, rest_length = self(*at, "stiffness"), self(*at, "rest_length")
-            self.require(self._parallel(self.vector(*at, "axis")) if spring.axis is not None else
-                         rest_length.is_zero and self.horizontal and spring.points[1][1] == height,
-                         f"springs.{key}: expected one along the guide")
-            stiffness, damping = stiffness + k, damping + self(*at, "damping")
-            force = force + k * (_dot(self.vector(*at, "points", 1), self.along) + rest_length)
-        return stiffness, damping, force
-
-    def _off_the_guide(self) -> list[Exact]:
-        """Numbers that are zero where the slider starts on its guide."""
-        across = -self.along[1], self.along[0]
-        offset, moving = _dot(self.position, across) - _dot(self.point, across), _dot(self.velocity, across)
-        if self.belt is not None:
-            return [offset - _dot(self.place("belt", "position"), across), moving]
-        turned = self.body("slider", "angle") - self("joints", self.name, "angle")
-        return [offset, moving, turned, self.body("slider", "angular_velocity")]
-
-    def _parallel(self, vector: tuple[Exact, Exact]) -> bool:
-        """Return whether a vector has the guide's direction; false where its numbers cannot be compared."""
-        cross = vector[0] * self.direction[1] - vector[1] * self.direction[0]
-        return cross.product is not None and cross.is_zero and bool(_dot(vector, self.direction).ball > 0)
+def _springs(reader: SceneReader, along: Vector, horizontal: bool) -> Vector:
+    """Stiffness and damping of all springs, and their constant force at x = 0."""
+    height, direction = reader.scene.bodies[reader.found.bodies["slider"]].position[1], reader["guide"].direction
+    stiffness = damping = force = ZERO
+    for key, spring in reader.elements("springs").items():
+        level = reader.found.elements["springs"][key].points[1][1] == height
+        reader.require(_parallel(spring.axis, direction) if spring.axis is not None else
+                       spring.rest_length.is_zero and horizontal and level,
+                       f"springs.{key}: expected one along the guide")
+        stiffness, damping = stiffness + spring.stiffness, damping + spring.damping
+        force = force + spring.stiffness * (_dot(spring.points[1], along) + spring.rest_length)
+    return stiffness, damping, force
 
 
-def _dot(a: tuple[Exact, Exact], b: tuple[Exact, Exact]) -> Exact:
+def _off_the_guide(reader: SceneReader, along: Vector) -> list[Exact]:
+    """Numbers that are zero where the slider starts on its guide."""
+    guide, slider, across = reader["guide"], reader.body("slider"), (-along[1], along[0])
+    offset, moving = _dot(slider.position, across) - _dot(guide.point, across), _dot(slider.velocity, across)
+    if "belt" in reader.found.bodies:
+        return [offset - _dot(reader.body("belt").position, across), moving]
+    return [offset, moving, slider.angle - guide.angle, slider.angular_velocity]
+
+
+def _parallel(vector: Vector, direction: Vector) -> bool:
+    """Return whether two vectors have one direction; false where their numbers cannot be compared."""
+    cross = vector[0] * direction[1] - vector[1] * direction[0]
+    return cross.product is not None and cross.is_zero and bool(_dot(vector, direction).ball > 0)
+
+
+def _dot(a: Vector, b: Vector) -> Exact:
     return a[0] * b[0] + a[1] * b[1]

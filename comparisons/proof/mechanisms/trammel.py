@@ -36,7 +36,7 @@ from flint import arb, arb_series
 
 from stiction.comparisons.proof.enclosures.series import Value, constants, quotient
 from stiction.comparisons.proof.enclosures.zeros import Undecided
-from stiction.comparisons.proof.mechanisms.mechanism import Next, ProvableMechanism, SineLoad
+from stiction.comparisons.proof.mechanisms.mechanism import Load, Next, ProvableMechanism
 from stiction.comparisons.proof.mechanisms.scene_reader import SceneReader, balls
 from stiction.comparisons.truth.reduced.trammel import TRAMMEL
 from stiction.comparisons.truth.structure import SEVERAL, Part
@@ -53,25 +53,21 @@ PROVABLE = replace(TRAMMEL, parts={label: TRAMMEL.parts[label] for label in ("pi
     "torques": Part(Torque, "bar", count=SEVERAL, law=Constant | Sine)})
 
 
-@dataclass(frozen=True)
-class Trammel(ProvableMechanism[Mode, int]):
+@dataclass(frozen=True, kw_only=True)
+class Trammel(ProvableMechanism):
     """Parameters as in the module's text.
 
     `arms` are lx, ly; `inertia` J, K; `moments` Hx, Hy; `torque` is the constant part of T, `loads` the others.
     """
 
-    arms: tuple[arb, arb]
-    inertia: tuple[arb, arb]
-    moments: tuple[arb, arb]
+    arms: tuple[arb, ...]
+    inertia: tuple[arb, ...]
+    moments: tuple[arb, ...]
     mass: arb
-    gravity: tuple[arb, arb]
-    friction: tuple[arb, arb]
+    gravity: tuple[arb, ...]
+    friction: tuple[arb, ...]
     torque: arb
-    loads: tuple[SineLoad, ...]
-    q: list[arb]
-    v: list[arb]
-    t_end: arb
-    joint: str = ""
+    loads: tuple[Load, ...]
 
     @property
     def length(self) -> arb:
@@ -154,13 +150,13 @@ class Trammel(ProvableMechanism[Mode, int]):
         slips = [i for i in (0, 1) if before[1 + i] != after[1 + i]]
         return GUIDES[slips[0] if slips else int(before[_NORMALS] == after[_NORMALS])]
 
-    def columns(self, t, q, v) -> dict[str, Value]:
+    def columns(self, t, q, v):
         (p,), (rate,), L = q, v, self.length
         sine, cosine = p.sin(), p.cos()
         return {"bar.angle": -p, "bar.omega": -rate, "slider-x.x": cosine * L, "slider-x.vx": -(sine * rate * L),
                 "slider-y.y": sine * L, "slider-y.vy": cosine * rate * L}
 
-    def bodies(self, t, q, v) -> dict[str, Value]:
+    def bodies(self, t, q, v):
         (lx, ly), (p,), (rate,) = self.arms, q, v
         sine, cosine = p.sin(), p.cos()
         return self.columns(t, q, v) | {"bar.x": cosine * ly, "bar.y": sine * lx,
@@ -169,28 +165,25 @@ class Trammel(ProvableMechanism[Mode, int]):
     @classmethod
     def from_scene(cls, scene: Scene) -> Trammel:
         reader = SceneReader(scene, PROVABLE)
-        friction = _friction(reader, "x"), _friction(reader, "y")
-        lx, ly = reader.part("joints", "pin-x", "points", 0, 0), -reader.part("joints", "pin-y", "points", 0, 0)
-        m, mx, my = (reader.body(name, "mass") for name in ("bar", *SLIDERS))
-        L, p, rate = lx + ly, -reader.body("bar", "angle"), -reader.body("bar", "angular_velocity")
-        inertia = reader.body("bar", "inertia") + m * lx * lx + my * L * L, m * (ly * ly - lx * lx) + (mx - my) * L * L
-        moments = m * ly + mx * L, m * lx + my * L
-        torque, loads = reader.loads("torques")
-        found = cls(balls((lx, ly)), balls(inertia), balls(moments), (m + mx + my).ball, balls(reader.gravity()),
-                    friction, torque.ball, loads, [p.ball], [rate.ball], reader("t_end").ball)
-        across = [reader.body(name, part, i) for name, i in (("slider-x", 1), ("slider-y", 0))
-                  for part in ("position", "velocity")]
-        turns = [reader.body(name, part) for name in SLIDERS for part in ("angle", "angular_velocity")]
-        reader.require_start(found, across + turns)
+        bar, x, y = (reader.body(name) for name in ("bar", *SLIDERS))
+        lx, ly = reader["pin-x"].points[0][0], -reader["pin-y"].points[0][0]
+        m, L, (torque, loads) = bar.mass, lx + ly, reader.loads("torques")
+        found = cls(
+            arms=balls((lx, ly)), mass=(m + x.mass + y.mass).ball, gravity=balls(reader.gravity),
+            inertia=balls((bar.inertia + m * lx * lx + y.mass * L * L,
+                           m * (ly * ly - lx * lx) + (x.mass - y.mass) * L * L)),
+            moments=balls((m * ly + x.mass * L, m * lx + y.mass * L)),
+            friction=tuple(_friction(reader, name) for name in GUIDES), torque=torque.ball, loads=loads,
+            q=[-bar.angle.ball], v=[-bar.angular_velocity.ball], t_end=reader.t_end)
+        across = [x.position[1], x.velocity[1], y.position[0], y.velocity[0]]
+        reader.require_start(found, [*across, x.angle, x.angular_velocity, y.angle, y.angular_velocity])
         return found
 
 
-def _friction(reader: SceneReader, axis: str) -> arb:
+def _friction(reader: SceneReader, name: str) -> arb:
     """mu of a guide; requires it to be as in the module's text."""
-    name = f"guide-{axis}"
-    guide, mu = reader.found[name], reader.part("joints", name, "mu").ball
-    one_surface = (guide.length is None or guide.width is None or
-                   mu * reader.part("joints", name, "width").ball < reader.part("joints", name, "length").ball)
-    reader.require(guide.frictional and guide.angle == 0 and bool(mu < 1 and one_surface),
-                   f"joints.{name}: expected no angle, friction with mu < 1, and mu * width < length")
-    return mu
+    guide, declared = reader[name], reader.found[name]
+    reader.require(declared.frictional and declared.angle == 0 and bool(guide.mu.ball < 1 and (
+        guide.length is None or guide.width is None or guide.mu.ball * guide.width.ball < guide.length.ball)),
+        f"joints.{name}: expected no angle, friction with mu < 1, and mu * width < length")
+    return guide.mu.ball

@@ -63,16 +63,14 @@ def first_zero(function: Callable[[float], tuple[float, float, float]], bound: f
 class DryOscillator:
     """A mass on a spring that rubs on a surface of constant speed; symbols as in the module's equation.
 
-    `normal`: normal force R of the guide, from which `slider_contact.py` with M = 0 gives N (|R| unless mu b > a).
+    `load` is F0 + P sin(Omega t + phi); of the `normal` force R of the guide `slider_contact.py` with M = 0 makes N
+    (|R| unless mu b > a).
     """
 
     mass: float
     stiffness: float
     anchor: float
-    offset: float
-    amplitude: float
-    frequency: float
-    phase: float
+    load: Sine
     speed: float
     normal: float
     contact: Contact
@@ -89,9 +87,10 @@ class DryOscillator:
         return self.contact.capacity(self.normal, 0.0, coefficient)
 
     def forcing(self, t, derivative: int = 0):
-        """F0 + P sin(Omega t + phi) or a derivative of it."""
-        return (self.offset if derivative == 0 else 0.0) + self.amplitude * self.frequency ** derivative * np.sin(
-            self.frequency * t + self.phase + derivative * np.pi / 2)
+        """The load or a derivative of it."""
+        f = self.load
+        return (f.offset if derivative == 0 else 0.0) + f.amplitude * f.frequency ** derivative * np.sin(
+            f.frequency * t + f.phase + derivative * np.pi / 2)
 
 
 @dataclass(frozen=True)
@@ -107,23 +106,23 @@ class Phase:
 
     def _slip_solution(self) -> tuple[float, float, float, float]:
         """Centre, amplitude of the forced part, and cosine and sine amplitude of the free part."""
-        o = self.oscillator
-        centre = o.anchor + (o.offset - self.slip * o.capacity(o.contact.mu)) / o.stiffness
-        forced = o.amplitude / (o.stiffness - o.mass * o.frequency ** 2) if o.amplitude else 0.0
-        angle = o.frequency * self.start + o.phase
+        o, f = self.oscillator, self.oscillator.load
+        centre = o.anchor + (f.offset - self.slip * o.capacity(o.contact.mu)) / o.stiffness
+        forced = f.amplitude / (o.stiffness - o.mass * f.frequency ** 2) if f.amplitude else 0.0
+        angle = f.frequency * self.start + f.phase
         return (centre, forced, self.x - centre - forced * np.sin(angle),
-                (self.v - forced * o.frequency * np.cos(angle)) / o.w)
+                (self.v - forced * f.frequency * np.cos(angle)) / o.w)
 
     def derivative(self, t, order: int):
         """x (order 0), its velocity, acceleration, ... at times t."""
-        o = self.oscillator
+        o, f = self.oscillator, self.oscillator.load
         if self.slip == 0:
             return [self.x + o.speed * (t - self.start), o.speed + 0.0 * t, 0.0 * t][order]
         centre, forced, cosine, sine = self._slip_solution()
         turn = order * np.pi / 2
         angle = o.w * (t - self.start) + turn
         return ((centre if order == 0 else 0.0)
-                + forced * o.frequency ** order * np.sin(o.frequency * t + o.phase + turn)
+                + forced * f.frequency ** order * np.sin(f.frequency * t + f.phase + turn)
                 + o.w ** order * (cosine * np.cos(angle) + sine * np.sin(angle)))
 
     def friction(self, t):
@@ -138,13 +137,13 @@ class Phase:
         o = self.oscillator
         if self.slip:
             _, forced, cosine, sine = self._slip_solution()
-            bound = abs(forced) * o.frequency ** 4 + o.w ** 4 * np.hypot(cosine, sine)
+            bound = abs(forced) * o.load.frequency ** 4 + o.w ** 4 * np.hypot(cosine, sine)
             start = self.start + (_STARTING / o.w if self.v == o.speed else 0.0)
             end = first_zero(lambda t: (self.slip * (self.derivative(t, 1) - o.speed),
                                         self.slip * self.derivative(t, 2), self.slip * self.derivative(t, 3)),
                              bound, start, t_end)
         else:
-            bound = abs(o.amplitude) * o.frequency ** 3
+            bound = abs(o.load.amplitude) * o.load.frequency ** 3
             limit = o.capacity(o.contact.mus)
             end = min(first_zero(lambda t: (limit + s * self.friction(t),
                                             s * (o.stiffness * o.speed - o.forcing(t, 1)), -s * o.forcing(t, 2)),
@@ -160,6 +159,10 @@ class Phase:
         if not sticks:
             o.contact.require_unique_slip(self.end)
         return Phase(o, 0 if sticks else -int(np.sign(needed)), self.end, x, o.speed)
+
+    def sample(self, t: np.ndarray) -> list[np.ndarray]:
+        """x, v, a, friction and direction of slip at times t."""
+        return [*(self.derivative(t, order) for order in range(3)), self.friction(t), np.full(len(t), self.slip)]
 
 
 def phases(o: DryOscillator, t_end: float) -> list[Phase]:
@@ -180,12 +183,16 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
     found = structure.match(scene)
     o = _oscillator(scene, structure, found)
     motion = phases(o, t_end)
+    ends = [phase.end for phase in motion[:-1]]
     mass, guide, belt = found.bodies["mass"], found.name("guide"), found.bodies.get("belt")
     belt_x = scene.bodies[belt].position[0] if belt else 0.0
     origin = found["guide"].point[0] + belt_x
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        x, v, a, friction, mode = _sampled(motion, t, side)
+        owner, sampled = np.searchsorted(ends, t, side="right" if side == "after" else "left"), np.empty((5, len(t)))
+        for i in np.unique(owner):
+            sampled[:, owner == i] = motion[i].sample(t[owner == i])
+        x, v, a, friction, mode = sampled
         phi = o.contact.mobilization(o.normal, 0.0, friction)
         values = {f"{mass}.x": x, f"{mass}.vx": v, f"{mass}.ax": a}
         values |= o.contact.columns(guide, np.full(len(t), o.normal), np.zeros(len(t)), phi, mode,
@@ -200,33 +207,18 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
     return Truth.of_formulas(scene, t_end, columns, 8 * EPS * len(motion), 2000, switches)
 
 
-def _sampled(motion: list[Phase], t: np.ndarray, side: str) -> np.ndarray:
-    """x, v, a, friction and direction of slip at times t, shape (5, n); at the end of a phase from the given side."""
-    ends = [phase.end for phase in motion[:-1]]
-    owner = np.searchsorted(ends, t, side="right" if side == "after" else "left")
-    values = np.empty((5, len(t)))
-    for i in np.unique(owner):
-        phase, where = motion[i], owner == i
-        at = t[where]
-        values[:, where] = [*(phase.derivative(at, order) for order in range(3)), phase.friction(at),
-                            np.full(len(at), phase.slip)]
-    return values
-
-
 def _oscillator(scene: Scene, structure: Structure, found: Match) -> DryOscillator:
     """The parameters of a scene."""
     body, spring = scene.bodies[found.bodies["mass"]], found["spring"]
     if spring.axis is None and spring.points[1][1] != body.position[1]:
         raise structure.misfit(scene, f"{found.name('spring')}: expected both of its ends at the same height")
-    load = found["force"] and found["force"].law
-    if isinstance(load, Sine):
-        offset, amplitude, frequency, phase = load.offset, load.amplitude, load.frequency, load.phase
-    else:
-        offset, amplitude, frequency, phase = load.value if load else 0.0, 0.0, 0.0, 0.0
-    if amplitude and abs(spring.stiffness - body.mass * frequency ** 2) <= 1e-6 * spring.stiffness:
+    load = found["force"].law if found["force"] else None
+    if not isinstance(load, Sine):
+        load = Sine(type="sine", offset=load.value if load else 0.0, amplitude=0.0, frequency=0.0)
+    if load.amplitude and abs(spring.stiffness - body.mass * load.frequency ** 2) <= 1e-6 * spring.stiffness:
         raise structure.misfit(scene, f"{found.name('force')}: found resonance; expected Omega != wn")
     gx, gy = scene.gravity or (0.0, 0.0)
     return DryOscillator(body.mass, spring.stiffness, spring.points[1][0] + spring.rest_length,
-                         offset + body.mass * gx, amplitude, frequency, phase,
+                         load.model_copy(update={"offset": load.offset + body.mass * gx}),
                          found["drive"].law.rate if structure is ON_BELT else 0.0, -body.mass * gy,
                          Contact.of(found["guide"]), body.position[0], body.velocity[0])

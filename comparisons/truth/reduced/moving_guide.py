@@ -32,19 +32,18 @@ from stiction.scenes.model import Drive, LinearSpring, Revolute, TorsionalSpring
 
 @dataclass(frozen=True)
 class MovingGuide(SingleSlider):
-    """Parameters as in the module's text; `names` of pivot, guide and drive (None: free)."""
+    """Parameters as in the module's text; `spring` is (k, d, r0), `twist` is (kt, dt, th0).
+
+    `names` are those of pivot, guide and drive (None: free).
+    """
 
     m: float
     slider_inertia: float
     arm_mass: float
     arm_inertia: float
     gravity: tuple[float, float]
-    stiffness: float
-    damping: float
-    rest: float
-    twist_stiffness: float
-    twist_damping: float
-    rest_angle: float
+    spring: tuple[float, float, float]
+    twist: tuple[float, float, float]
     contact: Contact
     pivot: tuple[float, float]
     names: tuple[str, str, str | None]
@@ -56,7 +55,8 @@ class MovingGuide(SingleSlider):
         return self.m * (gx * cos + gy * sin), self.m * (gy * cos - gx * sin)
 
     def _twist(self, q, v):
-        return -self.twist_stiffness * (q[1] - self.rest_angle) - self.twist_damping * v[1]
+        kt, dt, th0 = self.twist
+        return -kt * (q[1] - th0) - dt * v[1]
 
     def angular_acceleration(self, q, v):
         """th''; independent of friction."""
@@ -69,9 +69,9 @@ class MovingGuide(SingleSlider):
     def loads(self, t, q, v, a=None):
         """R, M and the push, with the inertia of the turning frame; independent of q''."""
         alpha = self.angular_acceleration(q, v)
-        along, across = self._weight(q[1])
+        (along, across), (k, d, r0) = self._weight(q[1]), self.spring
         R = self.m * (q[0] * alpha + 2 * v[0] * v[1]) - across
-        force = self.m * q[0] * v[1] ** 2 - self.stiffness * (q[0] - self.rest) - self.damping * v[0] + along
+        force = self.m * q[0] * v[1] ** 2 - k * (q[0] - r0) - d * v[0] + along
         return R, self.slider_inertia * alpha, force
 
     def acceleration(self, t, q, v, mode: Mode):
@@ -118,13 +118,12 @@ def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
     motor, spring, twist = found["motor"], found["spring"], found["twist"]
     if motor and (motor.law.offset, motor.law.rate) != (arm.angle, arm.angular_velocity):
         raise TURNING_ARM.misfit(scene, f"{found.name('motor')}: expected a drive that meets the start of the arm")
-    stiffness, damping, rest = ((spring.stiffness, spring.damping, spring.points[1][0] + spring.rest_length) if spring
-                                else (0.0, 0.0, 0.0))
-    torsional = (twist.stiffness, twist.damping, twist.rest_angle) if twist else (0.0, 0.0, 0.0)
     pivot = found["pivot"].points[1]
-    mechanism = MovingGuide(slider.mass, slider.inertia, arm.mass, arm.inertia, scene.gravity or (0.0, 0.0), stiffness,
-                            damping, rest, torsional[0], torsional[1], torsional[2], Contact.of(found["guide"]), pivot,
-                            (found.name("pivot"), found.name("guide"), found.name("motor") if motor else None))
+    mechanism = MovingGuide(
+        slider.mass, slider.inertia, arm.mass, arm.inertia, scene.gravity or (0.0, 0.0),
+        (spring.stiffness, spring.damping, spring.points[1][0] + spring.rest_length) if spring else (0.0, 0.0, 0.0),
+        (twist.stiffness, twist.damping, twist.rest_angle) if twist else (0.0, 0.0, 0.0), Contact.of(found["guide"]),
+        pivot, (found.name("pivot"), found.name("guide"), found.name("motor") if motor else None))
     along = np.array([np.cos(arm.angle), np.sin(arm.angle)])
     r = float((np.array(slider.position) - np.array(pivot)) @ along)
     q, v = np.array([r, arm.angle]), np.array([float(np.array(slider.velocity) @ along), arm.angular_velocity])

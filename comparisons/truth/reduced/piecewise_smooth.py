@@ -17,9 +17,10 @@ zero, or for break-away without a jump (mus = mu).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -56,18 +57,11 @@ class NoMotion(TruthRefused):
         self.time = time
 
 
-AMode = TypeVar("AMode", bound=Hashable)
-
-
-class PiecewiseMechanism(ABC, Generic[AMode]):
-    """A reduced mechanism whose equation of motion is smooth within each mode.
+class PiecewiseMechanism(ABC):
+    """A reduced mechanism whose equation of motion is smooth within each of its modes, which are hashable.
 
     Arrays: t (k,), q, v, a (n, k) for n coordinates at k instants.
     """
-
-    @abstractmethod
-    def acceleration(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: AMode) -> np.ndarray:
-        """q'' in a mode, shape (n, k); must continue smoothly somewhat beyond the end of the mode."""
 
     @property
     def magnitude(self) -> float:
@@ -85,16 +79,20 @@ class PiecewiseMechanism(ABC, Generic[AMode]):
         return _FAST / max(_FAST, self.fastest)
 
     @abstractmethod
-    def guards(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: AMode) -> np.ndarray:
+    def acceleration(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Any) -> np.ndarray:
+        """q'' in a mode, shape (n, k); must continue smoothly somewhat beyond the end of the mode."""
+
+    @abstractmethod
+    def guards(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: Any) -> np.ndarray:
         """Return guards, shape (m, p, k): the mode lasts while the largest of each one's p functions is positive."""
 
-    def limits(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: AMode) -> np.ndarray:
+    def limits(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Any) -> np.ndarray:
         """Functions as of `guards`, shape (m, p, k), positive while the motion of the mode is the only one."""
         return np.empty((0, 1, len(t)))
 
     @abstractmethod
-    def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: AMode | None,
-                   guard: int | None) -> Iterator[list[tuple[AMode, np.ndarray]]]:
+    def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Any,
+                   guard: int | None) -> Iterator[list[tuple[Any, np.ndarray]]]:
         """Modes that may follow when `guard` of `mode` reached zero, each with the velocity (n,) it starts with.
 
         They come in groups, of which one is tried only if no mode of those before it holds; NoMotion is raised where
@@ -102,26 +100,26 @@ class PiecewiseMechanism(ABC, Generic[AMode]):
         """
 
     @abstractmethod
-    def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: AMode) -> dict[str, np.ndarray]:
+    def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Any) -> dict[str, np.ndarray]:
         """All columns of a Trajectory within a mode, each (k,)."""
 
     @abstractmethod
-    def slip(self, mode: AMode) -> tuple[int, ...]:
+    def slip(self, mode: Any) -> tuple[int, ...]:
         """Return the direction of slip of each guide, 0 in stick."""
 
-    def corner_guide(self, mode: AMode, guard: int) -> int:
+    def corner_guide(self, mode: Any, guard: int) -> int:
         """Number of the guide whose corner force a guard of a mode watches."""
         return 0
 
 
 @dataclass(frozen=True)
-class Segment(Generic[AMode]):
+class Segment:
     """A collocation step: Chebyshev coefficients over [start, start + length], valid up to `end`."""
 
     start: float
     length: float
     end: float
-    mode: AMode
+    mode: Any
     position: np.ndarray
     velocity: np.ndarray
 
@@ -136,10 +134,10 @@ class Switch:
 
 
 @dataclass(frozen=True)
-class Motion(Generic[AMode]):
+class Motion:
     """The whole motion of a reduced mechanism."""
 
-    segments: tuple[Segment[AMode], ...]
+    segments: tuple[Segment, ...]
     switches: tuple[Switch, ...]
 
     def owner(self, t: np.ndarray, side: str) -> np.ndarray:
@@ -177,11 +175,11 @@ class Collocation:
         self._velocity = chebyshev.chebval(self.nodes, self._once.T).T @ self.to_coefficients
         self._position = chebyshev.chebval(self.nodes, self._twice.T).T @ self.to_coefficients
         self._derivative = np.array([np.append(chebyshev.chebder(row), 0.0) for row in identity]).T
-        self._halves = [np.array([_series(lambda x: chebyshev.chebval((x + side) / 2, row), order)
+        self._halves = [np.array([chebyshev.chebinterpolate(partial(_on_half, row, side), order - 1)
                                   for row in identity]).T for side in (-1, 1)]
 
-    def solve(self, mechanism: PiecewiseMechanism[AMode], mode: AMode, t0: float, q0: np.ndarray, v0: np.ndarray,
-              h: float) -> tuple[np.ndarray, ...] | None:
+    def solve(self, mechanism: PiecewiseMechanism, mode: Hashable, t0: float, q0: np.ndarray, v0: np.ndarray,
+              h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
         """Instants, q, v, a at the nodes of the step [t0, t0 + h]; None if h is too long for full precision."""
         s = h / 2
         t = t0 + s * (self.nodes + 1)
@@ -205,7 +203,7 @@ class Collocation:
         tail = np.abs(a @ self.to_coefficients.T)[:, -3:]
         return (t, q, v, a) if np.max(tail) <= _NOISE * scale else None
 
-    def segment(self, mode: AMode, t0: float, q0: np.ndarray, v0: np.ndarray, h: float, end: float,
+    def segment(self, mode: Hashable, t0: float, q0: np.ndarray, v0: np.ndarray, h: float, end: float,
                 a: np.ndarray) -> Segment:
         """Polynomials of the solved step."""
         s = h / 2
@@ -228,14 +226,11 @@ class Collocation:
 
         Guards as in `PiecewiseMechanism.guards`, by their values at the nodes.
         """
-        first = None
         series = guards @ self.to_coefficients.T
         positive = np.any(series[..., 0] > np.sum(np.abs(series[..., 1:]), axis=-1), axis=1)
-        for i in np.flatnonzero(~positive):
-            root = self._first_negative(series[i], max(2 * ignore / h - 1, -1.0))
-            if root is not None and (first is None or (root + 1) * h / 2 < first[0]):
-                first = (root + 1) * h / 2, int(i)
-        return first
+        roots = ((self._first_negative(series[i], max(2 * ignore / h - 1, -1.0)), int(i))
+                 for i in np.flatnonzero(~positive))
+        return min((((root + 1) * h / 2, i) for root, i in roots if root is not None), default=None)
 
     def _first_negative(self, group: np.ndarray, begin: float) -> float | None:
         """First x in [begin, 1] from which on the largest of some Chebyshev series, shape (p, order), is negative."""
@@ -272,9 +267,8 @@ class Collocation:
         return [low + (high - low) * (float(x) + 1) / 2 for x in found]
 
 
-def _series(function: Callable[[np.ndarray], np.ndarray], order: int) -> np.ndarray:
-    """Coefficients (order,) of the series that agrees with a function at Chebyshev's points."""
-    return chebyshev.chebinterpolate(function, order - 1)
+def _on_half(row: np.ndarray, side: int, x: np.ndarray) -> Any:
+    return chebyshev.chebval((x + side) / 2, row)
 
 
 def _clenshaw(x: float, backwards: list[float]) -> float:
@@ -285,19 +279,15 @@ def _clenshaw(x: float, backwards: list[float]) -> float:
     return backwards[-1] + x * one - two
 
 
-def integrate(mechanism: PiecewiseMechanism[AMode], t0: float, t_end: float, q0: np.ndarray, v0: np.ndarray,
-              collocation: Collocation) -> Motion[AMode]:
+def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.ndarray, v0: np.ndarray,
+              collocation: Collocation) -> Motion:
     """Integrate the motion from (t0, q0, v0) to t_end.
 
-    Raises
-    ------
-    NoMotion
-        Where no mode is consistent at the start, where the step falls to nothing, or after too many switches.
-    Undecided
-        Where none is consistent to rounding later on.
+    Raises NoMotion where no mode is consistent at the start, where the step falls to nothing, or after too many
+    switches; Undecided where none is consistent to rounding later on.
     """
     t, q, v = float(t0), np.array(q0, dtype=float), np.array(v0, dtype=float)
-    segments: list[Segment[AMode]] = []
+    segments: list[Segment] = []
     switches: list[Switch] = []
     mode, v, ignored = _next_mode(mechanism, collocation, t, q, v, None, None)
     h, junction = collocation.longest_step, _JUNCTION * mechanism.pace
@@ -305,9 +295,7 @@ def integrate(mechanism: PiecewiseMechanism[AMode], t0: float, t_end: float, q0:
         h = min(h, collocation.longest_step)
         solved = collocation.solve(mechanism, mode, t, q, v, h)
         if solved is not None:
-            instants, positions, velocities, accelerations = solved
-            guards = mechanism.guards(instants, positions, velocities, accelerations, mode)
-            limits = mechanism.limits(instants, positions, velocities, mode)
+            guards, limits = mechanism.guards(*solved, mode), mechanism.limits(*solved[:3], mode)
         if solved is None or not all(collocation.resolves(f, mechanism.magnitude) for f in (guards, limits)):
             h /= 2
             if h < _SHORTEST_STEP * mechanism.pace:
@@ -331,8 +319,8 @@ def integrate(mechanism: PiecewiseMechanism[AMode], t0: float, t_end: float, q0:
     return Motion(tuple(segments), tuple(switches))
 
 
-def _next_mode(mechanism: PiecewiseMechanism[AMode], collocation: Collocation, t: float, q: np.ndarray, v: np.ndarray,
-               mode: AMode | None, guard: int | None) -> tuple[AMode, np.ndarray, float]:
+def _next_mode(mechanism: PiecewiseMechanism, collocation: Collocation, t: float, q: np.ndarray, v: np.ndarray,
+               mode: Hashable, guard: int | None) -> tuple[Hashable, np.ndarray, float]:
     """The mode from t on, its initial velocity, and the time from t on in which guards are known to be positive."""
     later = slice(collocation.order // 2, None)
     for trial in (mechanism.pace * seconds for seconds in TRIAL_STEPS):

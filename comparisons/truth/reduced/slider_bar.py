@@ -99,7 +99,6 @@ class SliderBar(SingleSlider):
         return max(abs(self.rate), abs(self.frequency), (self.stiffness / self.mass) ** 0.5)
 
     def theta(self, t):
-        """Angle of the bar."""
         return self.angle + self.rate * t
 
     def applied(self, t, x, v):
@@ -178,13 +177,7 @@ class SliderBar(SingleSlider):
         return max(s * P - self.contact.capacity(R, M, -self.contact.mus * s) for s in (-1, 1))
 
     def period(self) -> float:
-        """Common period of bar and load, s.
-
-        Raises
-        ------
-        InputError
-            If their frequencies have no common period (to 1e-12, ratios up to 64).
-        """
+        """Common period of bar and load, s; raises InputError without one (to 1e-12, ratios up to 64)."""
         if self.rate == 0:
             return 2 * np.pi / self.frequency
         ratio = Fraction(self.frequency / abs(self.rate)).limit_denominator(64)

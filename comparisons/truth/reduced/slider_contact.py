@@ -62,12 +62,6 @@ class Contact:
     def frictionless(self) -> bool:
         return self.mus == 0.0
 
-    @property
-    def sign_patterns(self) -> tuple[Signs, ...]:
-        """The contact configurations: which surface each corner rests on."""
-        together, across = ((1, 1), (-1, -1)), ((1, -1), (-1, 1))
-        return together if self.length is None else together + across
-
     def corners(self, R, M, phi):
         """n1 and n2 (for a guide without length R/2 each)."""
         if self.length is None:
@@ -172,7 +166,8 @@ class SingleSlider(PiecewiseMechanism):
         return self.contact.columns(guide, R, M, phi, zero + mode[0], **others)
 
     def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Mode | None, guard: int | None):
-        patterns = self.contact.sign_patterns
+        # which surface each corner rests on
+        patterns = [(1, 1), (-1, -1), *([] if self.contact.length is None else [(1, -1), (-1, 1)])]
         if self.contact.frictionless:
             yield [((1, signs), v) for signs in patterns]
             return

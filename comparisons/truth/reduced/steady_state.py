@@ -16,7 +16,6 @@ from scipy.interpolate import BarycentricInterpolator
 
 from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation, Motion, NoMotion, integrate
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
-from stiction.comparisons.truth.reduced.slider_contact import Mode
 from stiction.comparisons.truth.truth import TruthRefused
 from stiction.scenes import InputError, Scene
 
@@ -49,7 +48,7 @@ class SteadyState:
     """
 
     periods: int
-    motion: Motion[Mode]
+    motion: Motion
     multipliers: tuple[complex, ...]
     residual: float
 
@@ -63,20 +62,13 @@ class SteadyState:
         return any(segment.mode[0] == 0 for segment in self.motion.segments)
 
 
-def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None) -> SteadyState:
-    """Find the periodic motion that is reached from `start` = (x, v) at t = 0, the mechanism's own where None.
+def steady_state(mechanism: SliderBar) -> SteadyState:
+    """Find the periodic motion that is reached from the mechanism's start.
 
-    Raises
-    ------
-    NoSteadyState
-        If within `SETTLING` periods none of up to `MOST_PERIODS` periods is reached.
-    NoMotion
-        Where the equations have no motion or several on the way.
-    InputError
-        If load and bar have no common period.
+    Raises NoSteadyState if within `SETTLING` periods none of up to `MOST_PERIODS` periods is reached, NoMotion where
+    the equations have no motion or several on the way, InputError if load and bar have no common period.
     """
-    state = np.array((mechanism.x, mechanism.v) if start is None else start, dtype=float)
-    orbit, next_try = [state], 0
+    orbit, next_try = [np.array([mechanism.x, mechanism.v], dtype=float)], 0
     for j in range(1, SETTLING + 1):
         motion = _period(mechanism, orbit[-1], 1)
         orbit.append(_end(motion))
@@ -96,7 +88,7 @@ def steady_state(mechanism: SliderBar, start: tuple[float, float] | None = None)
                         f"{mechanism.F0:.9g} N within {SETTLING} periods")
 
 
-def _period(mechanism: SliderBar, state: np.ndarray, n: int, steps: Collocation = _STEPS) -> Motion[Mode]:
+def _period(mechanism: SliderBar, state: np.ndarray, n: int, steps: Collocation = _STEPS) -> Motion:
     return integrate(mechanism, 0.0, n * mechanism.period(), state[:1], state[1:], steps)
 
 
@@ -144,21 +136,12 @@ def _attracts(mechanism: SliderBar, found: SteadyState, state: np.ndarray) -> bo
 
 @dataclass(frozen=True)
 class StickThreshold:
-    """`DEFINITION`, or why there is none.
+    """`DEFINITION`, or why there is none: F0 and its uncertainty in N, both None where there is none.
 
-    Attributes
-    ----------
-    F0 : float or None
-        Newton.
-    uncertainty : float or None
-        Sum of bracket or extrapolation, residual of the steady state and discretization, N. Where the steady state
-        jumps, also the distance from the jump at which the motion from the start was followed.
-    bracket : tuple of float
-        Amplitudes with and without a stick phase between which the root was sought.
-    note : str
-        What coexists with it; or the reason where there is no threshold.
-    theorem : str
-        The proof of it in words, where there is one: then the uncertainty is a bound.
+    The uncertainty is the sum of bracket or extrapolation, residual of the steady state and discretization; where the
+    steady state jumps, also the distance from the jump at which the motion from the start was followed. `bracket` are
+    the amplitudes with and without a stick phase between which the root was sought. `note` says what coexists with it,
+    or the reason where there is no threshold. `theorem` is the proof of it in words: then the uncertainty is a bound.
     """
 
     F0: float | None
@@ -239,16 +222,16 @@ def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
         middle = (low + high) / 2
         low, high = (middle, high) if sticks(middle) else (low, middle)
     end = _end_of_sliding(mechanism, steady[high], low, high)
-    if end is not None and end.F0 is not None and end.uncertainty is not None:
-        offset = (high - low) / _PARTS
-        sides = end.F0 - offset, end.F0 + offset
+    if end is not None:
+        (F0, uncertainty, note), bracket, offset = end, (low, high), (high - low) / _PARTS
+        sides = F0 - offset, F0 + offset
         if sticks(sides[0]) and not sticks(sides[1]):
             below, above = (margin(replace(mechanism, F0=F0), steady[F0]) for F0 in sides)
-            low, high = end.F0 + _SEEN * end.F0, sides[1]
+            low, high = F0 + _SEEN * F0, sides[1]
             if not sticks(low):
                 # a margin that runs on through zero is that of one steady state; above a jump its basin may be small
                 jumps = not 0.25 < -below / above < 4
-                return replace(end, uncertainty=end.uncertainty + _SEEN * end.F0) if jumps else end
+                return StickThreshold(F0, uncertainty + _SEEN * F0 if jumps else uncertainty, bracket, note)
     unknown = ""
     while high - low > max(xtol, 1e-9 * high):
         middle = (low + high) / 2
@@ -283,29 +266,30 @@ def _left_until_rest(mechanism: SliderBar, motion: Motion) -> dict[tuple[str, in
     return found
 
 
-def _end_of_sliding(mechanism: SliderBar, sliding: SteadyState, low: float, high: float) -> StickThreshold | None:
+def _end_of_sliding(mechanism: SliderBar, sliding: SteadyState, low: float,
+                    high: float) -> tuple[float, float, str] | None:
     """F0 at which the steady state without a stick phase at `high` gets one; None if it has none down to `low`.
+
+    With its uncertainty and a note.
 
     Where the slider comes to rest within a slip phase it is held for some time at once: the steady state jumps or
     ends. What is left until then is smooth in F0 down to its zero and not beyond: the zero is extrapolated from above.
     """
     step = (high - low) / _PARTS
-    way, end = _nearest_end(mechanism, sliding, high, step)
-    if way is None or end < low:
+    ways = _ways_to_rest(mechanism, sliding, high, step)
+    way, end = max(ways.items(), key=lambda item: item[1], default=(("", 0), -np.inf))
+    if end < low:
         return None
     amplitudes = end + step * np.arange(1, _NODES + 1)
-    followed = [_followed(mechanism, sliding, F0) for F0 in amplitudes]
-    steady = [one for one in followed if one is not None]
-    if len(steady) < len(followed):
+    steady = [one for F0 in amplitudes if (one := _followed(mechanism, sliding, F0)) is not None]
+    if len(steady) < _NODES:
         return None
     check = _period(replace(mechanism, F0=amplitudes[0]), steady[0].state, sliding.periods, _CHECK)
-    motions = [*(one.motion for one in steady), check]
-    left = [_left_until_rest(replace(mechanism, F0=F0), motion).get(way)
-            for F0, motion in zip([*amplitudes, amplitudes[0]], motions)]
-    found = [rest for rest in left if rest is not None]
-    if len(found) < len(left):
+    left = [rest for F0, motion in zip([*amplitudes, amplitudes[0]], [*(one.motion for one in steady), check])
+            if (rest := _left_until_rest(replace(mechanism, F0=F0), motion).get(way)) is not None]
+    if len(left) <= _NODES:
         return None
-    *values, other = found
+    *values, other = left
     root, coarser = (float(BarycentricInterpolator(values[:n], amplitudes[:n])(0.0)) for n in (_NODES, _NODES - 1))
     if not low < root < high:
         return None
@@ -314,19 +298,17 @@ def _end_of_sliding(mechanism: SliderBar, sliding: SteadyState, low: float, high
     unsure = abs(values[0] - other) + (mechanism.stiffness if way[0] == "stop" else 1.0) * residual / (1 - rate)
     slope = (values[1] - values[0]) / step
     note = "" if sliding.periods == 1 else f"the steady state has {sliding.periods} periods of load and bar"
-    return StickThreshold(root, abs(root - coarser) + float(2 ** _NODES * unsure / slope), (low, high), note)
+    return root, abs(root - coarser) + float(2 ** _NODES * unsure / slope), note
 
 
-def _nearest_end(mechanism: SliderBar, sliding: SteadyState, high: float,
-                 step: float) -> tuple[tuple[str, int] | None, float]:
-    """The first of the ways in which the steady state at `high` comes to rest below it, and F0 there by a secant."""
+def _ways_to_rest(mechanism: SliderBar, sliding: SteadyState, high: float, step: float) -> dict[tuple[str, int], float]:
+    """F0 below `high` at which the steady state there comes to rest, in each of the ways, by a secant."""
     beyond = _followed(mechanism, sliding, high + step)
     if beyond is None:
-        return None, np.nan
+        return {}
     near, far = (_left_until_rest(replace(mechanism, F0=F0), steady.motion)
                  for F0, steady in ((high, sliding), (high + step, beyond)))
-    ends = {way: high - step * near[way] / (far[way] - near[way]) for way in near if far.get(way, -np.inf) > near[way]}
-    return max(ends.items(), key=lambda item: item[1], default=(None, np.nan))
+    return {way: high - step * near[way] / (far[way] - near[way]) for way in near if far.get(way, -np.inf) > near[way]}
 
 
 def _followed(mechanism: SliderBar, sliding: SteadyState, F0: float) -> SteadyState | None:

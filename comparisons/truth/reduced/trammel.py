@@ -35,30 +35,24 @@ quadratic in rho; rest ends where the root reaches |rho| = 1, where full static 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from stiction.comparisons.truth.reduced.piecewise_smooth import PiecewiseMechanism
 from stiction.comparisons.truth.reduced.slider_contact import Contact
 from stiction.comparisons.truth.reduced.truth_of_motion import truth_of
-from stiction.comparisons.truth.structure import (ANY, CENTRE, NEGATIVE, POSITIVE, SEVERAL, Condition, Match, Part,
-                                                  Structure)
+from stiction.comparisons.truth.structure import ANY, CENTRE, NEGATIVE, POSITIVE, SEVERAL, Condition, Part, Structure
 from stiction.comparisons.truth.truth import Truth, body_columns
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine, evaluate_law
 from stiction.scenes.model import Force, LinearSpring, Revolute, Torque, Translational
 
-Applied = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""Force (2, k) on a slider's centre as a function of time and of its position and velocity along its guide."""
 
-
-@dataclass(frozen=True)
-class Mode:
+class Mode(NamedTuple):
     """Direction of p' (0: rest), of slip on the guides, and signs of Rx, Ry."""
 
     turn: int
@@ -67,8 +61,8 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class Trammel(PiecewiseMechanism[Mode]):
-    """Parameters as in the module's text; `gravity` is a vector."""
+class Trammel(PiecewiseMechanism):
+    """Parameters as in the module's text; by slider the springs along its guide and the other forces on it."""
 
     m: float
     inertia: float
@@ -78,8 +72,9 @@ class Trammel(PiecewiseMechanism[Mode]):
     my: float
     gravity: tuple[float, float]
     contacts: tuple[Contact, Contact]
-    applied: tuple[Applied, Applied]
-    torque: Callable[[np.ndarray], np.ndarray]
+    springs: tuple[tuple[LinearSpring, ...], ...]
+    forces: tuple[tuple[Force, ...], ...]
+    torques: tuple[Torque, ...]
 
     @property
     def L(self) -> float:
@@ -90,20 +85,31 @@ class Trammel(PiecewiseMechanism[Mode]):
         """Second derivatives of cos p and sin p."""
         return -np.sin(p) * a - np.cos(p) * v * v, np.cos(p) * a - np.sin(p) * v * v
 
+    def _applied(self, i, t, position, velocity):
+        """Weight, springs and forces on a slider's centre, shape (2, k), by its place and speed along its guide."""
+        total = np.repeat((self.my if i else self.mx) * np.array(self.gravity)[:, None], len(t), axis=1)
+        for spring in self.springs[i]:
+            stretch = position - (spring.points[1][i] + spring.rest_length)
+            total[i] -= spring.stiffness * stretch + spring.damping * velocity
+        for load in self.forces[i]:
+            direction = np.array(load.direction) / np.hypot(*load.direction)
+            total += direction[:, None] * evaluate_law(load.law, t)[0]
+        return total
+
     def _balance(self, t, p, v, a, cx, cy):
         """Rx, Ry and the residual of the moment equation times (1 + cx cy), for given p'' and c."""
         c2, s2 = self._second(p, v, a)
         sin, cos = np.sin(p), np.cos(p)
-        Ex = self.applied[0](t, self.L * cos, -self.L * sin * v)
-        Ey = self.applied[1](t, self.L * sin, self.L * cos * v)
+        Ex = self._applied(0, t, self.L * cos, -self.L * sin * v)
+        Ey = self._applied(1, t, self.L * sin, self.L * cos * v)
         Gx, Gy = self.m * self.gravity[0], self.m * self.gravity[1]
         A = self.m * self.lx * s2 + self.my * self.L * s2 - Ey[1] - Ex[1] - Gy
         B = -self.m * self.ly * c2 - self.mx * self.L * c2 + Ex[0] + Ey[0] + Gx
-        common = 1 + cx * cy
+        common, torque = 1 + cx * cy, sum((evaluate_law(load.law, t)[0] for load in self.torques), np.zeros_like(t))
         Rx, Ry = (A - cy * B) / common, (B + cx * A) / common
         Hx, Vx = self.mx * self.L * c2 - cx * Rx - Ex[0], -Rx - Ex[1]
         Hy, Vy = Ry - Ey[0], self.my * self.L * s2 - cy * Ry - Ey[1]
-        moment = self.lx * (cos * Vx + sin * Hx) - self.ly * (cos * Vy + sin * Hy) - self.torque(t)
+        moment = self.lx * (cos * Vx + sin * Hx) - self.ly * (cos * Vy + sin * Hy) - torque
         return Rx, Ry, (self.inertia * a - moment) * common, (Hx, Vx, Hy, Vy)
 
     def _friction(self, p, mode: Mode, rho):
@@ -200,32 +206,15 @@ TRAMMEL = Structure("an elliptic trammel", ("bar", "slider-x", "slider-y"), {
 def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """Return the motion of `bar`, `slider-x`, `slider-y` on `guide-x`, `guide-y`, `pin-x`, `pin-y`; mus b < a."""
     found = TRAMMEL.match(scene)
-    bar, guides = scene.bodies["bar"], (found["guide-x"], found["guide-y"])
-    torques = [torque.law for torque in found.elements["torques"].values()]
+
+    def elements(*labels: str) -> tuple[tuple[Any, ...], ...]:
+        return tuple(tuple(found.elements[label].values()) for label in labels)
+
+    bar, ((guide_x,), (guide_y,)) = scene.bodies["bar"], elements("guide-x", "guide-y")
     mechanism = Trammel(
         m=bar.mass, inertia=bar.inertia, lx=found["pin-x"].points[0][0], ly=-found["pin-y"].points[0][0],
         mx=scene.bodies["slider-x"].mass, my=scene.bodies["slider-y"].mass, gravity=scene.gravity or (0.0, 0.0),
-        contacts=(Contact.of(guides[0]), Contact.of(guides[1])),
-        applied=(_applied(scene, found, "x"), _applied(scene, found, "y")),
-        torque=lambda t: sum((np.asarray(evaluate_law(law, t)[0]) for law in torques), np.zeros_like(t)))
+        contacts=(Contact.of(guide_x), Contact.of(guide_y)), springs=elements("springs-x", "springs-y"),
+        forces=elements("forces-x", "forces-y"), torques=elements("torques")[0])
     return truth_of(scene, ("guide-x", "guide-y"), mechanism, np.array([-bar.angle]), np.array([-bar.angular_velocity]),
                     t_end)
-
-
-def _applied(scene: Scene, found: Match, axis: str) -> Applied:
-    """Weight, springs along the guide and forces on a slider."""
-    i = "xy".index(axis)
-    weight = scene.bodies[f"slider-{axis}"].mass * np.array(scene.gravity or (0.0, 0.0))
-    springs, forces = (found.elements[f"{kind}-{axis}"].values() for kind in ("springs", "forces"))
-
-    def force(t: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        total = np.repeat(weight[:, None], len(t), axis=1)
-        for spring in springs:
-            stretch = position - (spring.points[1][i] + spring.rest_length)
-            total[i] -= spring.stiffness * stretch + spring.damping * velocity
-        for load in forces:
-            direction = np.array(load.direction) / np.hypot(*load.direction)
-            total += direction[:, None] * evaluate_law(load.law, t)[0]
-        return total
-
-    return force

@@ -8,7 +8,7 @@ import numpy as np
 
 from stiction.comparisons.truth.reduced.piecewise_smooth import (Collocation, Motion, PiecewiseMechanism, Undecided,
                                                                  integrate)
-from stiction.comparisons.truth.truth import HIGH_PRECISION, Truth
+from stiction.comparisons.truth.truth import HIGH_PRECISION, Truth, two_sided
 from stiction.scenes import Event, Scene
 
 FINE, COARSE = Collocation(order=24, longest_step=0.5), Collocation(order=16, longest_step=0.2)
@@ -19,13 +19,8 @@ _ROUNDING = 8 * np.finfo(float).eps
 
 
 def motion_columns(mechanism: PiecewiseMechanism, motion: Motion, t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-    """Return the columns at times t; at an event from the given side."""
-    return _segment_columns(mechanism, motion, t, motion.owner(t, side))
-
-
-def _segment_columns(mechanism: PiecewiseMechanism, motion: Motion, t: np.ndarray,
-                     owner: np.ndarray) -> dict[str, np.ndarray]:
-    """The columns at times t by the segments with the indices `owner`, all instants of a mode at once."""
+    """Return the columns at times t, at an event from the given side; all instants of a mode at once."""
+    owner = motion.owner(t, side)
     q, v = motion.state(t, owner)
     modes = [segment.mode for segment in motion.segments]
     numbers = {mode: i for i, mode in enumerate(dict.fromkeys(modes))}
@@ -43,34 +38,23 @@ def motion_events(mechanism: PiecewiseMechanism, motion: Motion, guides: tuple[s
 
     A guide at rest that goes on resting (its margin touches zero) has none.
     """
-    switches = [(switch, motion.segments[switch.index - 1].mode, motion.segments[switch.index].mode)
-                for switch in motion.switches]
-    switches = [(switch, before, after) for switch, before, after in switches if before != after]
-    times = np.array([switch.time for switch, _, _ in switches])
-    index = np.array([switch.index for switch, _, _ in switches], dtype=int)
-    sides = [_segment_columns(mechanism, motion, times, owner) for owner in (index - 1, index)]
-    values = [[dict(zip(side, row)) for row in np.array(list(side.values())).T.tolist()] for side in sides]
-    events = []
-    for (switch, before, after), *two_sides in zip(switches, *values):
-        changes = [(guide, "stick" if b == 0 else "slip" if a == 0 else "reversal")
+    switches = []
+    for switch in motion.switches:
+        before, after = (segment.mode for segment in motion.segments[switch.index - 1:switch.index + 1])
+        changes = [("stick" if b == 0 else "slip" if a == 0 else "reversal", guide)
                    for guide, a, b in zip(guides, mechanism.slip(before), mechanism.slip(after)) if a != b]
-        for guide, kind in changes or [(guides[mechanism.corner_guide(before, switch.guard)], "corner")]:
-            events.append(Event(float(switch.time), kind, guide, *two_sides))
-    return tuple(events)
+        if before != after and not changes:
+            changes = [("corner", guides[mechanism.corner_guide(before, switch.guard)])]
+        switches += [(float(switch.time), *change) for change in changes]
+    return two_sided(switches, lambda t, side: motion_columns(mechanism, motion, t, side))
 
 
 def truth_of(scene: Scene, guides: tuple[str, ...], mechanism: PiecewiseMechanism, q0: np.ndarray, v0: np.ndarray,
              t_end: float | None) -> Truth:
     """Integrate a reduced mechanism from t = 0, twice, and return the finer with the difference as uncertainty.
 
-    The end is the scene's own where `t_end` is None.
-
-    Raises
-    ------
-    NoMotion
-        Where the equations have no motion or several.
-    Undecided
-        If the two integrations disagree on the sequence of events.
+    The end is the scene's own where `t_end` is None. Raises NoMotion where the equations have no motion or several,
+    Undecided if the two integrations disagree on the sequence of events.
     """
     t_end = scene.t_end if t_end is None else t_end
     fine, coarse = (integrate(mechanism, 0.0, t_end, q0, v0, collocation) for collocation in (FINE, COARSE))

@@ -20,8 +20,7 @@ from stiction.comparisons.complementarity.exchange import read_folder, write_fol
 from stiction.comparisons.complementarity.problems import SOLVED as STORED_SOLUTION
 from stiction.comparisons.complementarity.problems import UNSOLVABLE, Problem, read_problems
 from stiction.comparisons.complementarity.replay import Answer, answer
-from stiction.comparisons.proof.complementarity import (NONE, OPEN, SOLVED, Decision, Refutation, _feasible, decide,
-                                                        holds)
+from stiction.comparisons.proof.complementarity import NONE, OPEN, SOLVED, Decision, Refutation, decide, holds
 from stiction.comparisons.proof.verification import judge, verified
 from stiction.engines import load_engine
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
@@ -60,11 +59,7 @@ def test_solutions_are_exact():
     assert verdict.x == (fmpq(1, 3),) and verdict.y == (fmpq(0),) and verdict.isolated
     [x] = decide(lcp([[1]], [-0.1])).x
     assert x == fmpq(*0.1.as_integer_ratio()) != fmpq(1, 10)  # the stored float, not what was meant
-
-
-def test_a_solution_that_is_not_isolated():
-    verdict = decide(lcp([[0]], [0]))  # w = 0, any z
-    assert verdict.decided == SOLVED and not verdict.isolated
+    assert not decide(lcp([[0]], [0])).isolated  # w = 0, any z
 
 
 def test_a_pair_of_any_sign():
@@ -93,24 +88,6 @@ def test_against_all_choices():
                     values = basis.solve(fmpq_mat([[int(value)] for value in problem.b]))
                     assert any(values[i, 0] < 0 for i in range(n))
     assert min(found.values()) > 20
-
-
-def test_simplex_is_feasible_or_refuted():
-    random = np.random.default_rng(3)
-    kinds = set()
-    for _ in range(100):
-        m, n = (int(k) for k in random.integers(1, 5, 2))
-        columns = [[fmpq(int(v)) for v in random.integers(-2, 3, m)] for _ in range(n)]
-        right = fmpq_mat([[int(v)] for v in random.integers(-2, 3, m)])
-        weights, vector = _feasible(columns, right)
-        kinds.add(vector is None)
-        if vector is None:
-            assert all(w >= 0 for w in weights)
-            assert all(sum((w * c[r] for w, c in zip(weights, columns)), fmpq(0)) == right[r, 0] for r in range(m))
-        else:
-            assert sum((vector[r] * right[r, 0] for r in range(m)), fmpq(0)) > 0
-            assert all(sum((vector[r] * c[r] for r in range(m)), fmpq(0)) <= 0 for c in columns)
-    assert kinds == {True, False}
 
 
 def test_false_verdicts_do_not_hold(stored):
@@ -177,10 +154,8 @@ def some(stored):
     return [stored[0], next(p for p in stored if p.outcome == UNSOLVABLE), stored[-1]]
 
 
-def test_matrix_market_keeps_every_bit(stored, tmp_path):
+def test_a_folder_of_matrices_is_written_to_an_empty_one_and_read_whole(stored, tmp_path):
     assert write_folder(some(stored), tmp_path / "set") == 3
-    for before, after in zip(some(stored), read_folder(tmp_path / "set"), strict=True):
-        np.testing.assert_equal(asdict(before), asdict(after))
     with pytest.raises(ValueError, match="empty folder"):
         write_folder(some(stored), tmp_path / "set")
     (tmp_path / "set" / "1-A1.mtx").unlink()

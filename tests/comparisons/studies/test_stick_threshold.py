@@ -71,7 +71,7 @@ def test_a_steady_state_repeats_itself_and_attracts():
     assert steady.periods == 1 and not steady.sticks and max(map(abs, steady.multipliers)) < 1
     end = np.concatenate(steady.motion.final_state())
     np.testing.assert_allclose(end, steady.state, atol=1e-11)
-    other = steady_state(replace(mechanism, F0=5.0), (steady.state[0] + 0.1, 0.0))
+    other = steady_state(replace(mechanism, F0=5.0, x=steady.state[0] + 0.1, v=0.0))
     np.testing.assert_allclose(other.state, steady.state, atol=1e-9)
 
 

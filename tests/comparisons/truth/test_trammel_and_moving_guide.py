@@ -73,9 +73,3 @@ def test_horizontal_arm_without_friction_and_spring_is_a_centrifuge():
     r, rate = 0.5 * np.cosh(2 * t) + 0.2 * np.sinh(2 * t), np.sinh(2 * t) + 0.4 * np.cosh(2 * t)
     np.testing.assert_allclose(c["guide.displacement"], r, atol=1e-13)
     np.testing.assert_allclose(c["motor.effort"], 4 * r * rate, atol=1e-12)
-
-
-@pytest.mark.parametrize("truth", [trammel_truth, moving_guide_truth])
-def test_refuses_what_has_another_structure(truth):
-    with pytest.raises(ValueError, match="bodies"):
-        truth(load_scene("pendulum"))

@@ -36,21 +36,6 @@ def test_numbers_of_case_1():
     assert abs(truth(8.0)["slider.x"][0] + 0.146660414) < 0.6e-9
 
 
-def test_equation_of_motion_with_absolute_values(solved):
-    """m x'' = applied - mu s max(|R|, |n2 - n1|): the form of the source, without contact configurations."""
-    mechanism, truth = solved
-    t = np.linspace(0, 24, 3001)
-    c = truth(t)
-    slip = c["guide.mode"] != 0
-    R, tau = c["guide.normal_force"], c["motor.effort"]
-    difference = 2 / 0.6 * (tau + 0.25 * mechanism.contact.mu * c["guide.mode"] * R)
-    residual = mechanism.mass * c["slider.ax"] - mechanism.applied(t, c["slider.x"], c["slider.vx"]) \
-        + mechanism.contact.mu * c["guide.mode"] * np.maximum(np.abs(R), np.abs(difference))
-    assert np.max(np.abs(residual[slip])) < 1e-12  # rounding of forces up to 100 N
-    corners = c["guide.F2"] - c["guide.F3"] - c["guide.F1"] + c["guide.F4"]
-    assert np.max(np.abs(corners - difference)[slip]) < 1e-12
-
-
 def test_contact_and_friction_laws(solved):
     mechanism, truth = solved
     check_contact(truth(np.linspace(0, 24, 3001)), "guide", mechanism.contact, 1e-12)
@@ -119,7 +104,10 @@ def test_painleve_is_reported(x, what):
 
 
 THRESHOLDS = {"slider-bar-case-1": 4.21195626631, "slider-bar-case-1-mus-equals-mu": 3.89420346407}
-"""N. The last digits of the second are held by a long test, and by the theorem that comes with the suite."""
+"""N. Published are 4.2119563 and 3.8942063, the second 3e-6 N too high by the theorem that comes with the suite.
+
+The last digits of the second are held by a long test, and by that theorem.
+"""
 
 
 @pytest.mark.parametrize("name", ["slider-bar-case-1",
@@ -127,12 +115,6 @@ THRESHOLDS = {"slider-bar-case-1": 4.21195626631, "slider-bar-case-1-mus-equals-
 def test_threshold(name):
     threshold = stick_threshold(load_scene(name))
     assert threshold.uncertainty < 1e-10 and abs(threshold.F0 - THRESHOLDS[name]) < threshold.uncertainty + 1e-11
-
-
-def test_thresholds_are_those_that_were_published():
-    assert abs(THRESHOLDS["slider-bar-case-1"] - 4.2119563) < 0.6e-7  # half a unit of the last digit
-    # the figure handed down is 3e-6 N too high, by the theorem that comes with the suite
-    assert abs(THRESHOLDS["slider-bar-case-1-mus-equals-mu"] - 3.8942063) < 3e-6
 
 
 @pytest.mark.parametrize("name", THRESHOLDS)
@@ -147,13 +129,6 @@ def test_thresholds_need_friction_and_a_period():
         stick_threshold(load_scene("slider-bar-case-1-frictionless"))
     with pytest.raises(ValueError, match="common period"):
         stick_threshold(vary(load_scene(CASES[0]), {"Omega": 1.0}))
-
-
-def test_refuses_what_is_not_a_slider_bar():
-    with pytest.raises(ValueError) as caught:
-        slider_bar_truth(load_scene("pendulum"))
-    for part in ("bodies", "pin", "guide", "motor", "spring", "load"):
-        assert f"{part}: found" in str(caught.value)
 
 
 @pytest.mark.parametrize("t, side", [(9.0, "after"), (-1.0, "after"), (np.nan, "after"), (1.0, "middle")])

@@ -47,7 +47,7 @@ class Comparison(Generic[T]):
     ladders : tuple of str
         The refinement series of each task that is timed, in their order; steps come from coarse to fine.
     budget_s : float
-        CPU seconds that the rounds of one series may take. Finer steps are not timed, and their `Timing` says so.
+        CPU seconds that the rounds of one series may take. Finer steps are timed once.
     """
 
     tasks: tuple[Task, ...]
@@ -125,10 +125,10 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
         on_start(len(tasks) + least * sum(len(comparison.tasks) for comparison in comparisons if comparison.rounds))
     found = iter(_outcomes(tasks, isolated, on_result, workers=workers, timeout_s=timeout_s))
     pairs = [[(task, next(found)) for task in comparison.tasks] for comparison in comparisons]
-    affordable = [pair for comparison, part in zip(comparisons, pairs) for pair in _affordable(comparison, part, least)]
-    times = time_runs(affordable, least, timed_by or isolated, timeout_s, on_result)
+    to_time = [run for comparison, part in zip(comparisons, pairs) for run in _to_time(comparison, part, least)]
+    times = time_runs(to_time, least, timed_by or isolated, timeout_s, on_result)
     return [comparison.tabulate([
-        timed(task, outcome, times, comparison.budget_s) if comparison.rounds else _with_its_time(task, outcome, times)
+        timed(task, outcome, times) if comparison.rounds else _with_its_time(task, outcome, times)
         for task, outcome in part]) for comparison, part in zip(comparisons, pairs)]
 
 
@@ -153,9 +153,9 @@ def _outcomes(tasks: Sequence[Task], isolated: Isolate, on_result: Callable[[Out
     return [replace(made[call], label=task.label) for call, task in zip(calls, tasks)]
 
 
-def _affordable(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome]],
-                rounds: int) -> Iterator[tuple[Task, Outcome]]:
-    """Yield the runs that are timed: of each series, from coarse to fine, all that its budget has; two at least."""
+def _to_time(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome]],
+             rounds: int) -> Iterator[tuple[Task, Outcome, bool]]:
+    """Yield the runs that are timed, and whether only once: of each series those beyond its budget, but the first two."""
     if not comparison.rounds:
         return
     spent: dict[str, float] = defaultdict(float)
@@ -166,8 +166,7 @@ def _affordable(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome
         cost = outcome.value.cost  # an engine need not state one
         spent[series] += rounds * (cost.setup_s + cost.stepping_s or outcome.cpu_s or 0.0)
         steps[series] += 1
-        if steps[series] <= 2 or spent[series] <= comparison.budget_s:
-            yield task, outcome
+        yield task, outcome, steps[series] > 2 and spent[series] > comparison.budget_s
 
 
 def _with_its_time(task: Task, outcome: Outcome, times: Mapping[str, Timing]) -> Outcome:

@@ -6,7 +6,8 @@ of the gate that the run has passed before. Times are CPU times of the process t
 All runs that are to be compared are timed in rounds, one at a time: each round visits every run once, in turns forwards
 and backwards, so that a machine that becomes slower does so for all. A visit repeats a short run for `BLOCK` seconds
 after one run that is not counted, and its sample is their median: what lasts as long as a visit counts once. All runs
-have as many rounds as required, slow ones and fast ones. Those whose interval (`stiction.comparisons.timing.intervals`)
+have as many rounds as required, slow ones and fast ones, but those beyond the budget of their refinement series, which
+are in the first round alone: such a time is marked as unsure. Those whose interval (`stiction.comparisons.timing.intervals`)
 is `WIDE` then have more, up to `MOST`.
 
 The calibration kernel (`calibration_kernel`) is timed in each visit, 2 ms in all before and after the run, and each
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
@@ -141,7 +142,7 @@ def _cpu_s() -> float:
 
 
 def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], seconds: Callable[[S], float],
-              least: int = LEAST, most: int = MOST) -> dict[K, list[S]]:
+              least: int = LEAST, most: int = MOST, once: Container[K] = ()) -> dict[K, list[S]]:
     """Samples of several runs that are timed in turns.
 
     Parameters
@@ -154,6 +155,8 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
         Time of a sample whose interval is to become narrow.
     least
         Rounds at least. Where they are `LEAST` or more, there are up to `most` of the keys that are still `WIDE`.
+    once
+        Keys that are in the first round alone.
 
     Returns
     -------
@@ -166,7 +169,7 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
         number += 1
         for key, sample in one_round(left if number % 2 else left[::-1]).items():
             samples[key].append(sample)
-        left = [key for key in left if len(samples[key]) == number]
+        left = [key for key in left if len(samples[key]) == number and key not in once]
         if number >= least:
             more = LEAST <= least and number < most
             left = [key for key in left if more and median_interval([*map(seconds, samples[key])]).width > WIDE]

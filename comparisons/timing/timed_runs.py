@@ -38,14 +38,15 @@ def call_of(task: Task) -> str:
     return digest([task.function.__module__, task.function.__qualname__, task.args])
 
 
-def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated: Isolate, timeout_s: float,
+def time_runs(simulations: Iterable[tuple[Task, Outcome, bool]], least: int, isolated: Isolate, timeout_s: float,
               on_result: Callable[[Outcome], None] | None = None) -> dict[str, Timing]:
     """Time the runs that succeeded, by `computation`: in rounds, one run at a time.
 
     Parameters
     ----------
     simulations
-        Tasks of `stiction.engines.isolation.simulation` and their outcomes. A computation of two of them is timed once.
+        Tasks of `stiction.engines.isolation.simulation`, their outcomes, and whether they are in the first round alone.
+        A computation of two of them is timed once.
     least
         Rounds at least.
     isolated, timeout_s, on_result
@@ -53,12 +54,14 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated:
     """
     tasks: dict[str, Task] = {}
     runs: dict[str, Trajectory] = {}
-    for task, outcome in simulations:
+    in_all: set[str] = set()
+    for task, outcome, once in simulations:
         if outcome.status == "ok":
             engine, scene, arguments = task.args
             key = computation(engine, scene, arguments, outcome.value)
             tasks.setdefault(key, Task(task.label, visit, task.args))
             runs.setdefault(key, outcome.value)
+            in_all.update(() if once else (key,))
     loads: list[float] = []
     failures: dict[str, str] = {}
 
@@ -74,19 +77,17 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated:
                 failures[key] = f"round {len(loads)}: {outcome.status}: {outcome.reason}"
         return found
 
-    samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least)
+    samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least, once=runs.keys() - in_all)
     return {key: Timing(runs[key], tuple(found), tuple(loads[:len(found)]), failures.get(key, ""))
             for key, found in samples.items()}
 
 
-def timed(task: Task, outcome: Outcome, times: Mapping[str, Timing], budget_s: float) -> Outcome:
-    """Replace a simulation by its `Timing`: without samples for a step beyond `budget_s` of its refinement series."""
+def timed(task: Task, outcome: Outcome, times: Mapping[str, Timing]) -> Outcome:
+    """Replace a simulation by its `Timing`."""
     if outcome.status != "ok":
         return outcome
-    reason = f"not timed: the rounds of its refinement series, up to this step, take more than {budget_s:g} s"
-    untimed = Timing(outcome.value, reason=reason)
     engine, scene, arguments = task.args
-    timing = times.get(computation(engine, scene, arguments, outcome.value), untimed)
+    timing = times[computation(engine, scene, arguments, outcome.value)]
     return replace(outcome, value=replace(timing, trajectory=with_cost(outcome.value, timing)))
 
 

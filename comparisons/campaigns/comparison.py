@@ -155,7 +155,7 @@ def _outcomes(tasks: Sequence[Task], isolated: Isolate, on_result: Callable[[Out
 
 def _to_time(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome]],
              rounds: int) -> Iterator[tuple[Task, Outcome, bool]]:
-    """Yield the runs that are timed, and whether only once: of each series those beyond its budget, but the first two."""
+    """Yield the runs that are timed, and whether once: of each series those beyond its budget, but the first two."""
     if not comparison.rounds:
         return
     spent: dict[str, float] = defaultdict(float)

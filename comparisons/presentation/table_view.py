@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.presentation.cells import cell, is_missing, uncertainty_of, unit_of
-from stiction.comparisons.uncertain import Uncertain
+from stiction.comparisons.uncertain import Uncertain, bounded
 
 BRIEF_ROWS = 30
 """Rows of a table in a report that is read from top to bottom; pages and prints have all of them."""
@@ -24,7 +24,8 @@ class Column:
     ----------
     name, uncertainty, second, bound : str
         Columns of the frame: the value; its uncertainty, `uncertainty_of` the name if empty; a second number of the
-        same unit, in brackets: ``55 (46)``; the signs of a value that is a bound or unsure: ``≤ 55``, ``≥ ~55``.
+        same unit, in brackets where it is another: ``55 (46)``; the signs of a value that is a bound or unsure: ``≤
+        55``, ``≥ ~55``. One without an uncertainty is rounded as its sign says.
     label : str
         Heading without unit; the name as it is if empty.
     unit : str
@@ -58,11 +59,12 @@ class Column:
 
     def text(self, row: Mapping[str, Any]) -> str:
         """The cell of a row of the frame."""
-        text, second = self._value(row), row.get(self.second)
-        if second is not None and not is_missing(second):
+        text, sign, second = self._value(row), row.get(self.bound), row.get(self.second)
+        if isinstance(sign, str) and sign:
+            text = f"{sign}{text}" if self.interval else bounded(self.scale * float(row[self.name]), sign)
+        if second is not None and not is_missing(second) and second != row[self.name]:
             text += f" ({cell(self.name, self.scale * float(second))})"
-        sign = row.get(self.bound)
-        return text if is_missing(sign) else f"{sign}{text}"
+        return text
 
     def _value(self, row: Mapping[str, Any]) -> str:
         value = row[self.name]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import pandas as pd
 
 from stiction.comparisons.presentation.cells import cell, uncertainty_of
-from stiction.comparisons.uncertain import Uncertain
+from stiction.comparisons.uncertain import Uncertain, bounded
 
 VALUE, COUNT, RATIO, NAME = "value", "count", "ratio", "name"
 MILLIMETRES = 1e-6
@@ -113,9 +113,9 @@ def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "
     return Number(text, table, column, VALUE, (label + 1,))
 
 
-def scaled_value(table: str, rows: pd.DataFrame, label: int, column: str) -> Number:
-    """Return a cell in a thousandth of its unit, to two digits: a time in ms, a length in mm."""
-    return Number(short(1e3 * rows.at[label, column]), table, column, VALUE, (label + 1,), factor=1e3)
+def scaled_value(table: str, rows: pd.DataFrame, label: int, column: str, sign: str = "") -> Number:
+    """Return a cell in a thousandth of its unit, to two digits, behind its sign: a time in ms, a length in mm."""
+    return Number(bounded(1e3 * rows.at[label, column], sign), table, column, VALUE, (label + 1,), factor=1e3)
 
 
 def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:

@@ -7,8 +7,8 @@ All runs that are to be compared are timed in rounds, one at a time: each round 
 and backwards, so that a machine that becomes slower does so for all. A visit repeats a short run for `BLOCK` seconds
 after one run that is not counted, and its sample is their median: what lasts as long as a visit counts once. All runs
 have as many rounds as required, slow ones and fast ones, but those beyond the budget of their refinement series, which
-are in the first round alone: such a time is marked as unsure. Those whose interval (`stiction.comparisons.timing.intervals`)
-is `WIDE` then have more, up to `MOST`.
+are in the first round alone: such a time is marked as unsure. Those whose interval
+(`stiction.comparisons.timing.intervals`) is `WIDE` then have more, up to `MOST`.
 
 The calibration kernel (`calibration_kernel`) is timed in each visit, 2 ms in all before and after the run, and each
 round has the load by others. Neither corrects a time or enters a verdict: the table of samples and the provenance

@@ -304,7 +304,7 @@ def _jumps(full: Trajectory, truth: Truth, effort: str) -> pd.DataFrame:
     table = table[table["event time [s]"].between(full.t[0], full.t[-1])]
     times = np.array([event.time for event in truth.events])
     room = [np.min(np.abs(times[times != time] - time), initial=truth.t_end) for time in table["event time [s]"]]
-    return table.assign(readable=bool(full.events) | (np.array(room) > (SAMPLES + 1) * _step(full)))
+    return table.assign(readable=bool(full.events) | (np.array(room) > (min(SAMPLES) + 1) * _step(full)))
 
 
 def _findings(scene: Scene, full: Trajectory, given: set[str]) -> Iterator[str]:

@@ -78,7 +78,7 @@ def present(results: Results) -> Presentation:
         return Presentation()
     where = " in all cases" if table["scene"].nunique() > 1 else ""
     ranked = [method for method in found.values() if method.is_ranked]
-    answer = joined(_own(table, [method for method in ranked if method.is_own], where),
+    answer = joined(_own(table, [method for method in ranked if method.is_own]),
                     _engines(table, [method for method in ranked if not method.is_own]))
     failed = [traced("{} ({} of {})", called(method.variant), _count(table, method.failed), _count(table, method.rows))
               for method in found.values() if len(method.failed)]
@@ -97,11 +97,11 @@ def _reached(table: pd.DataFrame, method: Method) -> TracedText:
     return length("accuracy", table, method.worst_row, POSITION)
 
 
-def _own(table: pd.DataFrame, own: Sequence[Method], where: str) -> TracedText:
+def _own(table: pd.DataFrame, own: Sequence[Method]) -> TracedText:
     """The methods of the reference, each in its worst case."""
     parts = [traced("{} {}", called(method.variant), _reached(table, method)) for method in own]
     if own:
-        parts[0] = traced("{} is within {} of the truth{}", called(own[0].variant), _reached(table, own[0]), where)
+        parts[0] = traced("{} is within {} of the truth", called(own[0].variant), _reached(table, own[0]))
     said = sentence("{}.", listed(parts, ", ", ", "))
     return replace(said, text=said.text[:1].upper() + said.text[1:])
 

@@ -126,10 +126,10 @@ def estimate_jump(trajectory: Trajectory, event: Event, room: float,
 
     An engine of fixed step has one value in the step of a jump, anywhere between the two sides of it or beyond both.
     So parabolas are laid through each number of `SAMPLES` on either side of a gap of one to `GAP` intervals, and
-    continued to its middle; samples in the gap belong to neither side. Of all such gaps the jump is the one whose size is
-    the largest in units of its own uncertainty. Time is unsure by half the gap. Size is unsure by the standard error of
-    both continuations (least squares, at `CONFIDENCE` by Student's distribution). To it comes the difference of their
-    slopes over half the gap and an interval more: a value inside may belong to either side.
+    continued to its middle; samples in the gap belong to neither side. Of all such gaps the jump is the one whose size
+    is the largest in units of its own uncertainty. Time is unsure by half the gap. Size is unsure by the standard
+    error of both continuations (least squares, at `CONFIDENCE` by Student's distribution). To it comes the difference
+    of their slopes over half the gap and an interval more: a value inside may belong to either side.
 
     Parameters
     ----------

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from stiction.comparisons.measures.distances import Graph, hausdorff, l1, match_events, sup_at, value_at
+from stiction.comparisons.measures.distances import Graph, l1, match_events, sup_at, value_at
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.uncertain import Uncertain
 from stiction.reference_impl.multibody.mechanism import Mechanism
@@ -36,9 +35,8 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
     """Return the errors of one run; empty values where there is no run, or no truth (`truth note` says why).
 
     Position and velocity errors are the largest over all bodies and output times (both are continuous). The efforts of
-    drives jump: their error is the mean of |error| over time, and the Hausdorff distance of the graphs, time in
-    seconds, effort in units of its range. They are empty where guides at rest leave an effort open. The time covered
-    is stated, also of a run that ended early.
+    drives jump: their error is the mean of |error| over time, the largest of all drives; empty where guides at rest
+    leave an effort open. The time covered is stated, also of a run that ended early.
 
     Parameters
     ----------
@@ -63,20 +61,11 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
                                                           f"motion measure {reach:.2g} m{stopped}"}
             row[f"{label} error [{unit}]"] = error
             row[f"{label} uncertainty [{unit}]"] = max(truth.uncertainty.get(name, 0.0) for name in names)
-    return row | _effort_errors(trajectory, truth, exact) | _event_errors(trajectory, truth)
-
-
-def _effort_errors(trajectory: Trajectory, truth: Truth, exact: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Errors of the effort with the largest mean error."""
     efforts = [name for name in exact if name.endswith(".effort") and is_known(trajectory, name)]
-    means = {name: effort_error(trajectory, truth, name) for name in efforts}
-    if not means:
-        return {}
-    name, mean = max(means.items(), key=lambda item: item[1].value)
-    true = truth_graph(truth, name, trajectory.t)
-    distance = hausdorff(graph(trajectory, name), true, 1.0, float(np.ptp(true.values)) or 1.0)
-    return {TORQUE_ERROR: mean.value, "torque uncertainty [N m]": mean.uncertainty,
-            "torque Hausdorff distance [-]": distance.value, "torque Hausdorff uncertainty [-]": distance.uncertainty}
+    if efforts:
+        mean = max((effort_error(trajectory, truth, name) for name in efforts), key=lambda error: error.value)
+        row |= {TORQUE_ERROR: mean.value, "torque uncertainty [N m]": mean.uncertainty}
+    return row | _event_errors(trajectory, truth)
 
 
 def missed(kind: str) -> str:

@@ -6,7 +6,6 @@ sentence holds: `below`, `above`, `all_of` and `as_said`.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -36,11 +35,11 @@ ADJACENT, OPPOSITE = ("1+2", "3+4"), ("1+3", "2+4")
 
 @dataclass(frozen=True)
 class ClaimMargin:
-    """A margin, positive where the claim holds, and the finding in words; `some`: it holds of a part of its subject."""
+    """A margin, positive where the claim holds; `some`: it holds of a part of its subject; `why` there is no number."""
 
     margin: float
-    words: str
     some: bool = False
+    why: str = ""
 
     @property
     def holds(self) -> bool:
@@ -64,50 +63,44 @@ class Example:
         return self.stretch(case, **{name: self.cases[other].parameters[name]})
 
 
-def below(value: float, limit: float, words: str) -> ClaimMargin:
+def below(value: float, limit: float) -> ClaimMargin:
     """Judge a value that is to be less than a limit."""
-    return ClaimMargin(limit - value, words)
+    return ClaimMargin(limit - value)
 
 
-def above(values: Sequence[float], limit: float, words: str) -> ClaimMargin:
+def above(values: Sequence[float], limit: float) -> ClaimMargin:
     """Judge values that are all to exceed a limit."""
-    return ClaimMargin(min(values) - limit, words, max(values) > limit)
+    return ClaimMargin(min(values) - limit, max(values) > limit)
 
 
-def all_of(so: Sequence[bool], words: str) -> ClaimMargin:
+def all_of(so: Sequence[bool]) -> ClaimMargin:
     """Judge a statement that is to hold each time; the margin is half a time where it does."""
-    return ClaimMargin(sum(so) / len(so) - 1 + 1 / (2 * len(so)), words, any(so))
+    return ClaimMargin(sum(so) / len(so) - 1 + 1 / (2 * len(so)), any(so))
 
 
-def as_said(so: bool, sizes: Sequence[float], words: str, some: bool = False) -> ClaimMargin:
+def as_said(so: bool, sizes: Sequence[float], some: bool = False) -> ClaimMargin:
     """Judge a statement by the smallest of the sizes that make it hold."""
-    return ClaimMargin(min(sizes) if so else -1.0, words, some)
+    return ClaimMargin(min(sizes) if so else -1.0, some)
 
 
 def sticks(example: Example, case: int) -> ClaimMargin:
     """Shortest stick phase, in which velocity and acceleration must vanish."""
     stretch = example.stretch(case)
     if not stretch.phases:
-        return ClaimMargin(-_restart(stretch), "no stick phase")
+        return ClaimMargin(-_restart(stretch))
     rests = 0.0
     for start, end in stretch.phases:
         inside = (stretch.t > start) & (stretch.t < end)
         for name in ("slider.vx", ACCELERATION):
             largest = np.max(np.abs(stretch.columns[name][inside]), initial=0.0)
             rests = max(rests, float(largest) / stretch.maximum(name))
-    shortest = min(end - start for start, end in stretch.phases)
-    return ClaimMargin(shortest if rests <= STILL else -rests,
-                   f"{len(stretch.phases)} stick phases, {stretch.stick_time:.4f} s in all; "
-                   f"velocity and acceleration in them at most {rests:.0e} of their largest")
+    return ClaimMargin(min(end - start for start, end in stretch.phases) if rests <= STILL else -rests)
 
 
 def slips(example: Example, case: int) -> ClaimMargin:
     """Smallest acceleration after a stop."""
     stretch = example.stretch(case)
-    if stretch.phases:
-        return ClaimMargin(-stretch.stick_time, f"stuck for {stretch.stick_time:.4f} s")
-    least = _restart(stretch)
-    return ClaimMargin(least, f"never stuck; goes on with at least {least:.3g} m/s^2 where its velocity is zero")
+    return ClaimMargin(-stretch.stick_time if stretch.phases else _restart(stretch))
 
 
 def _restart(stretch: Stretch) -> float:
@@ -115,26 +108,19 @@ def _restart(stretch: Stretch) -> float:
     return min((abs(event.after[ACCELERATION]) for event in stretch.turning), default=np.inf)
 
 
-NO_EVENT = ClaimMargin(-1.0, "no event")
+NO_EVENT = ClaimMargin(-1.0, why="no event")
 
 
 def periodic(example: Example, case: int) -> ClaimMargin:
     """Change from one period to the next."""
-    change = example.stretch(case).change()
-    return below(change, LINE, f"changes by {change:.1e} of its range from one period to the next")
+    return below(example.stretch(case).change(), LINE)
 
 
 def jumps(example: Example, case: int, column: str, unit: str) -> ClaimMargin:
-    """Jumps of a column at events, against the largest smooth change."""
+    """Jumps of a column at events, against the largest smooth change; in its unit."""
     stretch = example.stretch(case)
     sizes = [abs(event.jump(column)) for event in stretch.turning]
-    if not sizes:
-        return NO_EVENT
-    resolution = stretch.resolution(column)
-    seen = sum(size > resolution for size in sizes)
-    words = (f"{seen} of {len(sizes)} jumps, of {min(sizes):.3g} to {max(sizes):.3g} {unit} where the largest value is "
-             f"{stretch.maximum(column):.3g}, distinguishable from changes of {resolution:.1g}")
-    return above(sizes, resolution, words)
+    return above(sizes, stretch.resolution(column)) if sizes else NO_EVENT
 
 
 def friction_causes_jumps(example: Example, case: int) -> ClaimMargin:
@@ -142,22 +128,13 @@ def friction_causes_jumps(example: Example, case: int) -> ClaimMargin:
     mass = SliderBar.from_scene(example.cases[case]).mass
     rest = [abs(1 - event.jump(FRICTION) / (mass * event.jump(ACCELERATION)))
             for event in example.stretch(case).turning if event.jump(ACCELERATION)]
-    if not rest:
-        return NO_EVENT
-    return below(max(rest), 0.5, "friction's jump is all of (m1 + m2) times that of the acceleration but "
-                 f"{max(rest):.0e}")
+    return below(max(rest), 0.5) if rest else NO_EVENT
 
 
 def friction_turns(example: Example, case: int) -> ClaimMargin:
     """Friction of opposite signs before and after each event."""
     events = example.stretch(case).turning
-    if not events:
-        return NO_EVENT
-    turned = [event.before[FRICTION] * event.after[FRICTION] < 0 for event in events]
-    number = Counter(event.kind for event in events)
-    turning = Counter(event.kind for event, so in zip(events, turned) if so)
-    kinds = ", ".join(f"{kind}: {turning[kind]} of {number[kind]}" for kind in number)
-    return all_of(turned, f"friction changes its direction at {sum(turned)} of {len(events)} jumps ({kinds})")
+    return all_of([event.before[FRICTION] * event.after[FRICTION] < 0 for event in events]) if events else NO_EVENT
 
 
 def contacts_alternate(example: Example, case: int) -> ClaimMargin:
@@ -166,16 +143,14 @@ def contacts_alternate(example: Example, case: int) -> ClaimMargin:
     adjacent = [name in ADJACENT for name, _ in found]
     pairs = all(name in ADJACENT + OPPOSITE for name, _ in found)
     turns = all(one != other for one, other in zip(adjacent, adjacent[1:]))
-    times = [sum(seconds for (_, seconds), so in zip(found, adjacent) if so == kind) for kind in (True, False)]
-    return as_said(pairs and turns, times,
-                   f"adjacent for {times[0]:.3f} s, opposite for {times[1]:.3f} s, {len(found) - 1} changes")
+    return as_said(pairs and turns, [sum(seconds for (_, seconds), so in zip(found, adjacent) if so == kind)
+                                     for kind in (True, False)])
 
 
 def contacts_in_order(example: Example, case: int, order: Sequence[str]) -> ClaimMargin:
     """The first configurations, and how long each lasts."""
     found = example.stretch(case).configurations[:len(order)]
-    return as_said([name for name, _ in found] == list(order), [seconds for _, seconds in found],
-                   " -> ".join(f"{name} ({seconds:.3f} s)" for name, seconds in found))
+    return as_said([name for name, _ in found] == list(order), [seconds for _, seconds in found])
 
 
 def contacts_as_in(example: Example, case: int, other: int) -> ClaimMargin:
@@ -183,79 +158,57 @@ def contacts_as_in(example: Example, case: int, other: int) -> ClaimMargin:
     whole = (example.stretch(case), example.stretch(other))
     last = [stretch.between(stretch.end - stretch.period, stretch.end) for stretch in whole]
     one, two = (stretch.cycle() for stretch in last)
-    times = [seconds for stretch in last for _, seconds in stretch.configurations[1:-1] or stretch.configurations]
-    return as_said(one == two, times, f"case {case}: {' -> '.join(one)}; case {other}: {' -> '.join(two)}")
+    return as_said(one == two, [seconds for stretch in last for _, seconds in
+                                stretch.configurations[1:-1] or stretch.configurations])
 
 
 def all_contacts(example: Example, case: int) -> ClaimMargin:
     """Times of the four configurations."""
     found = example.stretch(case).configurations
-    times = {pair: sum(seconds for name, seconds in found if name == pair) for pair in ("1+3", "2+4", "1+2", "3+4")}
-    return as_said(all(times.values()), list(times.values()),
-                   ", ".join(f"{pair} for {seconds:.3f} s" for pair, seconds in times.items()), any(times.values()))
+    times = [sum(seconds for name, seconds in found if name == pair) for pair in OPPOSITE + ADJACENT]
+    return as_said(all(times), times, any(times))
 
 
-def _ratios(one: Stretch, other: Stretch) -> dict[str, float]:
+def _ratios(one: Stretch, other: Stretch) -> list[float]:
     """Largest corner force and largest moment, in units of another motion's."""
-    columns = {"F_i": CORNERS, "moment": (EFFORT,)}
-    return {name: one.maximum(*of) / other.maximum(*of) for name, of in columns.items()}
-
-
-def _listed(ratios: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} {ratio:.3g} times" for name, ratio in ratios.items())
+    return [one.maximum(*columns) / other.maximum(*columns) for columns in (CORNERS, (EFFORT,))]
 
 
 def larger_than_in(example: Example, case: int, other: int) -> ClaimMargin:
     """Largest corner force and largest moment, in units of the other case's."""
-    ratios = _ratios(example.stretch(case), example.stretch(other))
-    return above(list(ratios.values()), 1, _listed(ratios))
+    return above(_ratios(example.stretch(case), example.stretch(other)), 1)
 
 
 def larger_by_parameters(example: Example, case: int, other: int, names: Sequence[str]) -> ClaimMargin:
     """Largest corner force and moment of the other case with each of the parameters alone as in this one."""
-    ratios = {name: _ratios(example.with_parameter(name, other, case), example.stretch(other)) for name in names}
-    sizes = [ratio for found in ratios.values() for ratio in found.values()]
-    return above(sizes, 1, "; ".join(f"{name} alone: {_listed(found)}" for name, found in ratios.items()))
+    return above([ratio for name in names for ratio in
+                  _ratios(example.with_parameter(name, other, case), example.stretch(other))], 1)
 
 
 def parameter_decides(example: Example, case: int, other: int, name: str) -> ClaimMargin:
     """One parameter exchanged between the two cases: this one must stick, the other must not."""
-    here, there = example.with_parameter(name, case, other), example.with_parameter(name, other, case)
-    words = (f"case {case} with the {name} of case {other} is stuck for {here.stick_time:.3f} s of "
-             f"{here.end - here.start:g} s, case {other} with that of case {case} for {there.stick_time:.3f} s")
-    return _one_sticks(here, there, words)
+    return _one_sticks(example.with_parameter(name, case, other), example.with_parameter(name, other, case))
 
 
 def amplitude_decides(example: Example, case: int, other: int) -> ClaimMargin:
     """Two cases that differ in F0 alone: this one must stick, the other must not."""
-    one, two = example.stretch(case), example.stretch(other)
     parameters = example.cases[other].parameters
     differing = {name for name, value in example.cases[case].parameters.items() if value != parameters[name]}
-    words = (f"stuck for {one.stick_time:.4f} s and {two.stick_time:.4f} s of {one.end - one.start:g} s; "
-             f"the cases differ in {', '.join(sorted(differing))}")
-    return _one_sticks(one, two, words, alone=differing == {"F0"})
+    return _one_sticks(example.stretch(case), example.stretch(other), alone=differing == {"F0"})
 
 
-def _one_sticks(sticking: Stretch, slipping: Stretch, words: str, alone: bool = True) -> ClaimMargin:
+def _one_sticks(sticking: Stretch, slipping: Stretch, alone: bool = True) -> ClaimMargin:
     one, two = bool(sticking.stick_time), bool(slipping.stick_time)
-    return as_said(one and not two and alone, (sticking.stick_time, _restart(slipping)), words, one != two)
+    return as_said(one and not two and alone, (sticking.stick_time, _restart(slipping)), one != two)
 
 
 def sticks_below_threshold(example: Example, case: int) -> ClaimMargin:
     """Stick phases below the threshold, none above it, at `AMPLITUDES` of it."""
     F0 = example.threshold.F0
     if F0 is None:
-        return ClaimMargin(-1.0, f"no threshold: {example.threshold.note}")
-    stretches = {factor: example.stretch(case, F0=factor * F0) for factor in AMPLITUDES}
-    right = [factor for factor, stretch in stretches.items() if bool(stretch.stick_time) == (factor < 1)]
-    still = [factor for factor, stretch in stretches.items()
-             if stretch.stick_time >= stretch.end - stretch.start - 1e-6]
-    words = (f"sticks below and not above F0 = {F0:.7f} N at {len(right)} of {len(AMPLITUDES)} amplitudes, "
-             f"{AMPLITUDES[0]:g} to {AMPLITUDES[-1]:g} times it")
-    if still:
-        words += f"; up to {max(still) * F0:.3g} N it never moves"
-    distances = [abs(factor - 1) for factor in AMPLITUDES]
-    return as_said(len(right) == len(AMPLITUDES), distances, words, bool(right))
+        return ClaimMargin(-1.0, why=f"no threshold: {example.threshold.note}")
+    right = [bool(example.stretch(case, F0=factor * F0).stick_time) == (factor < 1) for factor in AMPLITUDES]
+    return as_said(all(right), [abs(factor - 1) for factor in AMPLITUDES], any(right))
 
 
 MEASURES: dict[str, Callable[..., ClaimMargin]] = {measure.__name__: measure for measure in (

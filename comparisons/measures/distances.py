@@ -1,19 +1,18 @@
 """Distances between nonsmooth motions, each with its numerical uncertainty.
 
 The sup norm of a quantity that jumps is O(1) as soon as a jump is shifted by dt, however small; it is kept for
-positions and velocities at given instants. Quantities that jump have the L1 norm over time, O(dt), and the Hausdorff
-distance between graphs, O(dt) with jumps drawn as vertical lines. Events are compared by kind and time.
+positions and velocities at given instants. Quantities that jump have the L1 norm over time, O(dt). Events are compared
+by kind and time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial import cKDTree
 
 from stiction.comparisons.uncertain import Uncertain
 from stiction.scenes import Event
@@ -89,36 +88,6 @@ def sup_at(t: np.ndarray, a: np.ndarray, b: np.ndarray, uncertainty: float = 0.0
     return Uncertain(float(np.max(np.abs(a - b))), uncertainty + np.finfo(float).eps * size)
 
 
-def hausdorff(a: Graph, b: Graph, time_scale: float = 1.0, value_scale: float = 1.0, points: int = 20_000) -> Uncertain:
-    """Return the Hausdorff distance between the graphs in the plane (t / time_scale, value / value_scale).
-
-    The largest Euclidean distance from a point of either curve to the other curve. With both scales 1 a shift of a
-    jump by dt gives at most dt. Both curves, vertical jumps included, are sampled at equal distances; the
-    uncertainty is the spacing (each curve has a sample within half of it) plus the interpolation error of the graphs.
-    `points` is the number of samples per curve.
-    """
-    if not (time_scale > 0 and value_scale > 0 and points >= 2):
-        raise ValueError(f"found scales {time_scale:g}, {value_scale:g}, {points} points; "
-                         "expected positive scales, points >= 2")
-    curves, spacing, unsure = [], 0.0, 0.0
-    for graph in (a, b):
-        curve, gap = _densified(graph.t / time_scale, graph.values / value_scale, points)
-        curves.append(curve)
-        spacing, unsure = max(spacing, gap), unsure + float(np.max(graph.interpolation_error)) / value_scale
-    value = max(float(np.max(cKDTree(other).query(curve, workers=-1)[0])) for curve, other in (curves, curves[::-1]))
-    return Uncertain(value, spacing + unsure)
-
-
-def _densified(t: np.ndarray, values: np.ndarray, points: int) -> tuple[np.ndarray, float]:
-    """Points of the broken line, its corners among them, and the largest gap between neighbours."""
-    lengths = np.hypot(np.diff(t), np.diff(values))
-    along = np.append(0.0, np.cumsum(lengths))
-    where = np.union1d(along, np.linspace(0.0, along[-1], points))
-    keep = np.append(True, lengths > 0)
-    curve = np.stack([np.interp(where, along[keep], t[keep]), np.interp(where, along[keep], values[keep])], axis=1)
-    return curve, float(np.max(np.diff(where)))
-
-
 def value_at(graph: Graph, t: np.ndarray, side: str) -> np.ndarray:
     """Return the values of the broken line at times t; at a jump that of the given side."""
     right = np.searchsorted(graph.t, t, side="right" if side == "after" else "left")
@@ -128,24 +97,8 @@ def value_at(graph: Graph, t: np.ndarray, side: str) -> np.ndarray:
     return graph.values[right - 1] + share * (graph.values[right] - graph.values[right - 1])
 
 
-class Happening(Protocol):
-    """An event as far as it is matched."""
-
-    @property
-    def time(self) -> float: ...
-
-    @property
-    def kind(self) -> str: ...
-
-    @property
-    def joint(self) -> str: ...
-
-
-Expected = TypeVar("Expected", bound=Happening)
-
-
 @dataclass(frozen=True)
-class EventComparison(Generic[Expected]):
+class EventComparison:
     """Comparison of the events found with the true ones.
 
     Attributes
@@ -158,15 +111,17 @@ class EventComparison(Generic[Expected]):
         Largest |time error| of the matched (nan without any), with the uncertainty given for the times.
     """
 
-    matched: tuple[tuple[Expected, Event], ...]
-    missed: tuple[Expected, ...]
+    matched: tuple[tuple[Any, Event], ...]
+    missed: tuple[Any, ...]
     spurious: tuple[Event, ...]
     time_error: Uncertain
 
 
-def match_events(true: Sequence[Expected], found: Sequence[Event], window: float,
-                 uncertainty: float = 0.0) -> EventComparison[Expected]:
+def match_events(true: Sequence[Any], found: Sequence[Event], window: float,
+                 uncertainty: float = 0.0) -> EventComparison:
     """Match events of the same kind and joint whose times (s) differ by no more than the window.
+
+    The true ones are anything with a time, a kind and a joint.
 
     The matching has as many pairs as possible and, among those, the smallest sum of time errors (assignment problem).
     """

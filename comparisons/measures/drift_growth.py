@@ -26,10 +26,10 @@ class Growth:
         Least squares in logarithms, and half its interval of `CONFIDENCE` by Student's distribution; nan where there
         are too few octaves. The interval holds as often as it says if octaves scatter independently. Those of the
         random walk of a rate, ~ time^(3/2), do not: there it holds in three of four.
-    spread, walk : float
-        Logarithm of the largest octave over the smallest, and its lower limit for a random walk, see `walk_spread`.
+    spread : float
+        Logarithm of the largest octave over the smallest, in units of its lower limit for a random walk: `walk_spread`.
     verdict : str
-        `BOUNDED` where the spread is below that of a walk, and the interval below 1/2; else `GROWS` where the interval
+        `BOUNDED` where the spread is below 1, and the interval below 1/2; else `GROWS` where the interval
         lies above zero; else `INCONCLUSIVE`: the run is too short. `ROUNDED` where all octaves, or all but the first
         that are too few for a law, are not above what rounding may add.
     until : float
@@ -39,13 +39,12 @@ class Growth:
         End of each octave and the root mean square in it.
     """
 
-    exponent: float
-    uncertainty: float
-    spread: float
-    walk: float
     verdict: str
     until: float
     octaves: tuple[tuple[float, float], ...]
+    exponent: float = np.nan
+    uncertainty: float = np.nan
+    spread: float = np.nan
 
 
 def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np.ndarray = 0.0) -> Growth:
@@ -81,16 +80,16 @@ def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np
     are_successive = all(above[:len(seen)])  # a law is of successive octaves
     rounding_follows = are_successive and len(seen) < len(octaves)
     if len(values) and np.all(values <= limit) or rounding_follows and len(seen) < FEWEST:
-        return Growth(np.nan, np.nan, np.nan, np.nan, ROUNDED, until, tuple(octaves))
+        return Growth(ROUNDED, until, tuple(octaves))
     ends, sizes = np.reshape(seen, (-1, 2)).T
     law = fitted_exponent([(ends, sizes)]) if len(seen) >= FEWEST and are_successive else None
     if law is None:
-        return Growth(np.nan, np.nan, np.nan, np.nan, INCONCLUSIVE, until, tuple(octaves))
+        return Growth(INCONCLUSIVE, until, tuple(octaves))
     exponent, uncertainty = law.value, law.uncertainty
-    spread, walk = float(np.ptp(np.log(sizes))), walk_spread(len(seen))
-    is_bounded = spread < walk and exponent + uncertainty < 0.5
+    spread = float(np.ptp(np.log(sizes))) / walk_spread(len(seen))
+    is_bounded = spread < 1 and exponent + uncertainty < 0.5
     verdict = BOUNDED if is_bounded else GROWS if exponent > uncertainty else INCONCLUSIVE
-    return Growth(exponent, uncertainty, spread, walk, verdict, until, tuple(octaves))
+    return Growth(verdict, until, tuple(octaves), exponent, uncertainty, spread)
 
 
 @cache

@@ -159,34 +159,26 @@ def _over_gaps(t: np.ndarray, values: np.ndarray, last: np.ndarray, count: int, 
     """The jump over `gap` intervals after each of the samples `last` that has `count` samples on either side."""
     last = last[(last >= count - 1) & (last + gap + count <= len(t))]
     middle, half = (t[last + gap] + t[last]) / 2, (t[last + gap] - t[last]) / 2
-    before, after = (_continued(t, values, first, count, middle) for first in (last - count + 1, last + gap))
-    deviation = np.sqrt((before.squares + after.squares) / (2 * (count - 3)))
-    error = student.ppf((1 + CONFIDENCE) / 2, 2 * (count - 3)) * deviation * np.sqrt(before.leverage + after.leverage)
-    bend = np.abs(after.slope - before.slope) * (half + 2 * half / gap)
+    (before, slope_before, squares_before, leverage_before), (after, slope_after, squares_after, leverage_after) = (
+        _continued(t, values, first, count, middle) for first in (last - count + 1, last + gap))
+    deviation = np.sqrt((squares_before + squares_after) / (2 * (count - 3)))
+    error = student.ppf((1 + CONFIDENCE) / 2, 2 * (count - 3)) * deviation * np.sqrt(leverage_before + leverage_after)
+    bend = np.abs(slope_after - slope_before) * (half + 2 * half / gap)
     unsure = error + bend + 4 * np.spacing(np.max(np.abs(values)))
-    return map(JumpEstimate, middle.tolist(), (after.value - before.value).tolist(), half.tolist(), unsure.tolist())
+    return map(JumpEstimate, middle.tolist(), (after - before).tolist(), half.tolist(), unsure.tolist())
 
 
-@dataclass(frozen=True)
-class _Continued:
-    """Parabolas continued to an instant each; all of shape (n,).
+def _continued(t: np.ndarray, values: np.ndarray, first: np.ndarray, count: int,
+               to: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Continue parabolas through `count` samples from each of `first` on to the instants `to`; all of shape (n,).
 
     Value and slope there, sum of the squared residuals of the samples, and the value's variance over a sample's.
     """
-
-    value: np.ndarray
-    slope: np.ndarray
-    squares: np.ndarray
-    leverage: np.ndarray
-
-
-def _continued(t: np.ndarray, values: np.ndarray, first: np.ndarray, count: int, to: np.ndarray) -> _Continued:
-    """Parabolas through `count` samples from each of `first` on, continued to the instants `to`."""
     window = first[:, None] + np.arange(count)
     scale = t[window[:, -1]] - t[window[:, 0]]
     powers = ((t[window] - to[:, None]) / scale[:, None])[..., None] ** np.arange(3)
     inverse = np.linalg.inv(np.swapaxes(powers, 1, 2) @ powers) @ np.swapaxes(powers, 1, 2)
     coefficients = (inverse @ values[window][..., None])[..., 0]
     off = values[window] - (powers @ coefficients[..., None])[..., 0]
-    return _Continued(coefficients[:, 0], coefficients[:, 1] / scale, np.sum(off ** 2, axis=1),
-                      np.sum(inverse[:, 0] ** 2, axis=1))
+    return (coefficients[:, 0], coefficients[:, 1] / scale, np.sum(off ** 2, axis=1),
+            np.sum(inverse[:, 0] ** 2, axis=1))

@@ -23,7 +23,7 @@ _EXACT_DIGITS, _DIGITS = 10, 6  # a threshold is known to 1e-8
 
 def uncertainty_of(column: str) -> str:
     """Column with the uncertainty of another: ``position uncertainty [m]`` of ``position error [m]``; else ``""``."""
-    named = re.sub(r"(error|distance)(, L1 mean)?", "uncertainty", column, count=1)
+    named = re.sub(r"error(, L1 mean)?", "uncertainty", column, count=1)
     return "" if named == column else named
 
 

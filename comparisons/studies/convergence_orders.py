@@ -122,22 +122,19 @@ def _across_a_break_away(scene: Scene) -> tuple[Truth, list[tuple[float, Traject
     return ground_truth(scene, AFTER + steps[0]), runs
 
 
-def orders_comparison(scene: Scene) -> Comparison[pd.DataFrame]:
-    """The rows of all `METHODS`; a method that failed is a row with its reason."""
-    def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        return pd.DataFrame([
+def plan(scope: Scope) -> Comparison[Tables]:
+    """The rows of all `METHODS` on the first scene; a method that failed is a row with its reason."""
+    scene = scope.scenes[0]
+
+    def tabulate(outcomes: Sequence[Outcome]) -> Tables:
+        return Tables({"orders": pd.DataFrame([
             {"scene": scene.name, **row, "status": outcome.status, "reason": outcome.reason}
             for (method, order), outcome in zip(METHODS.items(), outcomes, strict=True)
             for row in outcome.value or [{"method": method, ORDER: order, "runs": 0, "why none": outcome.status}]],
-            columns=COLUMNS)
+            columns=COLUMNS)})
 
     return Comparison(tuple(Task(f"orders/{scene.name}/{method}", order_rows, (scene, method)) for method in METHODS),
                       tabulate)
-
-
-def plan(scope: Scope) -> Comparison[Tables]:
-    """The refinement series of `METHODS` on the first scene."""
-    return orders_comparison(scope.scenes[0]).then(lambda table: Tables({"orders": table}))
 
 
 def present(results: Results) -> Presentation:

@@ -20,7 +20,7 @@ from stiction.comparisons.studies.accuracy import chart_by_case
 from stiction.comparisons.studies.equal_error import (COLUMNS, FAILED, FALLS, INTEGRATION, QUANTITIES, SCENES, SMALLEST,
                                                       equal_error)
 from stiction.comparisons.studies.study import Scope, Study, Tables
-from stiction.comparisons.studies.work_precision import TIMING, TOTAL, Timed, work_precision
+from stiction.comparisons.studies.work_precision import ORDER, TIMING, TOTAL, Timed, work_precision
 from stiction.comparisons.timing.timed_runs import OTHERS
 from stiction.comparisons.uncertain import bounded
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Variant, scaled
@@ -107,7 +107,7 @@ def present(results: Results) -> Presentation:
     every = (Column("scene"), Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
              Column("status"), Column("reason"), Column(TOTAL, "CPU", "ms", scale=MILLI, second=OWN_CPU),
              Column(SET_UP, "set-up", "ms", scale=MILLI, form=".2g"), Column(ERROR, "position error"),
-             Column("order, position [-]", "order"), Column("torque error, L1 mean [N m]", "torque error, mean"),
+             Column(ORDER, "order"), Column("torque error, L1 mean [N m]", "torque error, mean"),
              Column("event time error [s]", "event time error"), Column(TIMING))
     runs = view("cost-all", "Every run of the refinement series.", cost, every, source="cost", in_report=False)
     return Presentation(_answer(cost, reached, first), findings, _headlines(results, cost, reached, first),

@@ -19,10 +19,9 @@ from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.constraint_drift import POSITION, VELOCITY, above_rounding, drift_size
 from stiction.comparisons.studies.study import Scope, Study, Tables
-from stiction.comparisons.studies.work_precision import HIGH, LOW, Timed, TimedRun, cost_of, timed_comparison
+from stiction.comparisons.studies.work_precision import HIGH, LOW, TimedRun, cost_of, timed_comparison
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.variants import OWN_CPU, Record, Variant, scaled
-from stiction.scenes import Scene
 
 CHOICES = {"none": "no stabilization", "baumgarte": "Baumgarte's terms", "projection": "projection"}
 WAYS = (("event-driven", "rtol", (1e-6, 1e-9)), ("paper's scheme", "dt", (1e-2, 1e-3)))
@@ -35,12 +34,13 @@ def suppression_variants() -> tuple[Variant, ...]:
         for way, parameter, steps in WAYS for choice in CHOICES)
 
 
-def suppression_comparison(scene: Scene, *, t_end: float | None = None, repeats: int = 5) -> Comparison[Timed]:
-    """One row per way, choice and tolerance or step; arguments as of `work_precision.work_precision`.
+def plan(scope: Scope) -> Comparison[Tables]:
+    """A row per way, choice and tolerance or step on the first scene.
 
     Baumgarte's alpha and beta are the scene's or, where it declares none, the paper's; they stand in the column
     settings.
     """
+    scene, t_end = scope.scenes[0], scope.t_end
 
     def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
         truth, size = truth_for(scene, records, t_end), size_of(scene)
@@ -50,14 +50,8 @@ def suppression_comparison(scene: Scene, *, t_end: float | None = None, repeats:
 
     runs = [TimedRun(scene, variant, step) for variant in scaled(suppression_variants(), scene, t_end)
             for step in variant.ladder]
-    return timed_comparison(scene, runs, t_end, repeats, rows)
-
-
-def plan(scope: Scope) -> Comparison[Tables]:
-    """Both ways of the reference on the first scene."""
-    repeats = scope.repeats or extent(scope.depth).repeats
-    found = suppression_comparison(scope.scenes[0], t_end=scope.t_end, repeats=repeats)
-    return found.then(lambda timed: timed.as_tables("suppression"))
+    timed = timed_comparison(scene, runs, t_end, scope.repeats or extent(scope.depth).repeats, rows)
+    return timed.then(lambda timed: timed.as_tables("suppression"))
 
 
 def present(results: Results) -> Presentation:

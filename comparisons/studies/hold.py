@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
@@ -21,13 +21,11 @@ import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import REFERENCE, variants
-from stiction.comparisons.measures import creep_laws
 from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
 from stiction.comparisons.measures.drift import ROUNDING
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.measures.published_creep import CREEP as OURS
-from stiction.comparisons.measures.published_creep import (MATCHED, PUBLISHED, UNCERTAINTY, published_creep_task,
-                                                           published_engine)
+from stiction.comparisons.measures.published_creep import ENGINE, MATCHED, PUBLISHED, UNCERTAINTY, published_creep
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.methods import at_equal_step, called, rank, succeeded, with_columns
 from stiction.comparisons.presentation import (CHOSEN, NAME, OTHER, Axis, Chart, Column, Headline, Number, Panel,
@@ -93,52 +91,21 @@ NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its s
          "At contact fidelity and for settings mus = mu: most engines' own contacts have one coefficient.")
 
 
-@dataclass(frozen=True)
-class Law:
-    """A law of the creep of a subject over one of its settings, from the value `least` on.
+FORMS: Mapping[str, Callable[[Any, Any], Any]] = {
+    "linear_zone": lambda part, zone: part * zone,
+    "soft_norm": lambda part, tolerance: tolerance * part / np.sqrt(1.0 - part * part)}
+"""Creep at a part p of mu N by a law f = mu N g(v) that is zero at rest: g^-1(p), whatever mu and N are.
 
-    Either its `exponent`, or its `form`: a function of `stiction.comparisons.measures.creep_laws` of the part of the
-    bound that is used and the setting.
-    """
-
-    subject: str
-    over: str
-    source: str
-    exponent: float | None = None
-    form: str | None = None
-    least: float = 0.0
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The runs of a depth: scenes, loads, steps, whether ramp and stop are run, and scenes on which settings are."""
-
-    scenes: Sequence[str]
-    loads: Sequence[float]
-    steps: Sequence[float]
-    moved: bool
-    settings: Sequence[str]
-
-
-@dataclass(frozen=True)
-class Data:
-    """``data/hold.toml``."""
-
-    ramp: Mapping[str, float]
-    stop: Mapping[str, float]
-    depths: Mapping[str, Plan]
-    regularization: Mapping[str, str]
-    subjects: Sequence[Subject]
-    laws: Sequence[Law]
+`linear_zone` has g = v/zone (Exudyn's ``friction_zone``), `soft_norm` g = v/sqrt(v^2 + e^2): Drake's contacts with e =
+``stiction_tolerance`` (Castro, Han & Masterjohn 2023, "A theory of irrotational contact fields").
+"""
 
 
 @cache
-def load_data() -> Data:
-    """The runs, settings and laws of the study."""
+def load_data() -> dict[str, Any]:
+    """``data/hold.toml``: runs, settings and laws of the study; subjects as `Subject`."""
     data = tomllib.loads((resources.files("stiction.comparisons") / "data" / "hold.toml").read_text(encoding="utf-8"))
-    return Data(data["ramp"], data["stop"], {name: Plan(**plan) for name, plan in data["depths"].items()},
-                data["regularization"], [Subject(**subject) for subject in data["subjects"]],
-                [Law(**law) for law in data["laws"]])
+    return data | {"subjects": [Subject(**subject) for subject in data["subjects"]]}
 
 
 @dataclass(frozen=True)
@@ -186,9 +153,8 @@ def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> d
         raise InputError(f"{scene.name}: parameters: found no {', '.join(missing)}; expected {', '.join(PARAMETERS)}, "
                          "as the scenes hold-.. of the catalogue have them")
     data = load_data()
-    change = {HELD: {"part": load}, RAMP: data.ramp,
-              STOP: {name: data.stop[name] for name in ("part", "v0")}}[test]
-    return {**change, **({} if static_coefficient else {"mus": scene.parameters["mu"]})}
+    change = {HELD: {"part": load}, RAMP: data["ramp"], STOP: {name: data["stop"][name] for name in ("part", "v0")}}
+    return {**change[test], **({} if static_coefficient else {"mus": scene.parameters["mu"]})}
 
 
 def measured(engine: str, scene: Scene, test: str, arguments: Mapping[str, Any],
@@ -236,41 +202,30 @@ def true_slip(scene: Scene, test: str) -> tuple[Slip, float]:
 
 def _window(scene: Scene, test: str) -> dict[str, Any]:
     """The end of the landing, and the period over which a held load's displacement is averaged."""
-    return {"landed": load_data().stop["landed"] if test == STOP else LANDING, "period": scene.parameters.get("period")}
-
-
-def compared(scope: Scope) -> tuple[Variant, ...]:
-    """The variants of the other studies at the steps of this one, or at their tightest tolerance; labels are unique."""
-    steps = tuple(load_data().depths[scope.depth].steps)
-    return tuple(replace(variant, ladder=steps if variant.parameter == "dt" else variant.ladder[-1:])
-                 for variant in variants(scope.engines))
-
-
-def tried(scope: Scope) -> Iterator[Variant]:
-    """The subjects with each of their settings, at the step nearest to `COMMON_STEP`."""
-    step = min(load_data().depths[scope.depth].steps, key=lambda step: rank("dt", step))
-    for subject in load_data().subjects:
-        if scope.engines is None or subject.engine in scope.engines:
-            yield from subject.variants((step,))
+    landed = load_data()["stop"]["landed"] if test == STOP else LANDING
+    return {"landed": landed, "period": scene.parameters.get("period")}
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
     """Every method on every scene and load of the depth, or on the one scene that is given.
 
-    At full depth the settings as well, with loads up to `USUAL`. Contacts have one coefficient, mus = mu, as most
-    engines' own have.
+    Methods have the steps of the depth, or their tightest tolerance. At full depth the settings as well, at the step
+    nearest to `COMMON_STEP` and loads up to `USUAL`. Contacts have one coefficient, mus = mu, as most engines' own.
     """
-    data = load_data()
-    depth = data.depths[scope.depth]
-    one = scope.scenes if len(scope.scenes) == 1 else ()
-    scenes = one or tuple(map(load_scene, depth.scenes))
-    held = [(HELD, load) for load in depth.loads]
-    moved = [(RAMP, data.ramp["part"]), (STOP, data.stop["part"])] if depth.moved else []
+    data, one = load_data(), scope.scenes if len(scope.scenes) == 1 else ()
+    depth = data["depths"][scope.depth]
+    steps, middle = tuple(depth["steps"]), min(depth["steps"], key=lambda step: rank("dt", step))
+    compared = [replace(variant, ladder=steps if variant.parameter == "dt" else variant.ladder[-1:])
+                for variant in variants(scope.engines)]
+    tried = [variant for subject in data["subjects"] if scope.engines is None or subject.engine in scope.engines
+             for variant in subject.variants((middle,))]
+    held = [(HELD, load) for load in depth["loads"]]
+    moved = [(RAMP, data["ramp"]["part"]), (STOP, data["stop"]["part"])] if depth["moved"] else []
     usual = [(test, load) for test, load in held if load <= USUAL]
     ways = [(scene, variant, variant.fidelity == "joint" and has_static_coefficient(variant), held + moved)
-            for scene in scenes for variant in compared(scope)]
-    ways += [(scene, variant, False, usual) for scene in (one or map(load_scene, depth.settings)) if depth.settings
-             for variant in tried(scope)]
+            for scene in one or map(load_scene, depth["scenes"]) for variant in compared]
+    ways += [(scene, variant, False, usual) for scene in (one or map(load_scene, depth["settings"]))
+             if depth["settings"] for variant in tried]
     trials = []
     for scene, variant, static, chosen in ways:
         for test, load in chosen:
@@ -284,8 +239,8 @@ def plan(scope: Scope) -> Comparison[Tables]:
     tasks = [Task(trial.key, measured, (trial.variant.engine, trial.scene, trial.test, {
         trial.variant.parameter: trial.step, "fidelity": trial.variant.fidelity, **trial.variant.settings},
         any(trial.tried))) for trial in trials]
-    taking_part = {variant.engine for _, variant, _, _ in ways}
-    published = [published_creep_task()] if depth.moved and not one and published_engine() in taking_part else []
+    is_published = moved and not one and any(variant.engine == ENGINE for _, variant, _, _ in ways)
+    published = [Task("hold/published creep", published_creep)] if is_published else []
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
         known, runs = dict(zip(truths, outcomes)), outcomes[len(truths):len(truths) + len(trials)]
@@ -314,7 +269,13 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
         return row
     found = outcome.value[0]
     if trial.test != RAMP:
-        row |= _creep(trial, found, ends)
+        speed, gravity = abs(found.creep.value), trial.scene.gravity
+        row |= {CREEP: found.creep.value, UNSURE: found.creep.uncertainty}
+        if trial.variant.parameter == "dt" and gravity:
+            row[OF_STEP] = speed / (math.hypot(*gravity) * trial.step)
+        zone = load_data()["regularization"].get(f"{trial.variant.engine}, {trial.variant.fidelity}")
+        if zone in ends.settings:
+            row[OF_ZONE] = speed / float(ends.settings[zone])
     if trial.test == HELD:
         row |= {LANDED: found.landing, LETS_GO: found.lets_go, PART: _part_of_bound(trial.scene, ends)}
     if true is None or true.value is None:
@@ -323,17 +284,6 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
     if trial.test == STOP:
         return row | {STOPPED: found.landing - exact.landing, STOP_UNSURE: unsure}
     return row | _break_away(trial, found, exact)
-
-
-def _creep(trial: Trial, found: Slip, ends: Trajectory) -> dict[str, Any]:
-    """Creep in m/s, and in units of g dt and of the regularization that the run states."""
-    row, speed = {CREEP: found.creep.value, UNSURE: found.creep.uncertainty}, abs(found.creep.value)
-    if trial.variant.parameter == "dt" and trial.scene.gravity:
-        row[OF_STEP] = speed / (math.hypot(*trial.scene.gravity) * trial.step)
-    zone = load_data().regularization.get(f"{trial.variant.engine}, {trial.variant.fidelity}")
-    if zone in ends.settings:
-        row[OF_ZONE] = speed / float(ends.settings[zone])
-    return row
 
 
 def _part_of_bound(scene: Scene, ends: Trajectory) -> float:
@@ -386,9 +336,9 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
     own = with_columns(table, CREEP, UNSURE, LETS_GO, OF_ZONE)
     own = own[own[SUBJECT].isna() & own[TEST].eq(HELD) & ~own["status"].isin(UNMADE)]
     rows = []
-    for _, runs in own.groupby("variant", sort=False):
-        ranks = [rank(*pair) for pair in zip(runs["parameter"], runs["step"])]
-        runs = runs[(np.array(ranks) == min(ranks)) & (runs[LOAD] <= USUAL)]
+    for variant in own["variant"].unique():
+        runs = at_equal_step(own, variant)
+        runs = runs[runs[LOAD] <= USUAL]
         made = runs[succeeded(runs) & runs[CREEP].notna()]
         if runs.empty:
             continue
@@ -420,16 +370,17 @@ def laws_table(table: pd.DataFrame) -> pd.DataFrame:
         rows.append({SUBJECT: REFERENCE, "over": REST, "source": "derived in each scene",
                      "runs": int(succeeded(own).sum()), "verdict": word})
     tried = tried[tried[CREEP].abs() > tried[UNSURE]]
-    for law in load_data().laws:
-        runs = tried[tried[SUBJECT] == law.subject]
-        runs = runs[(runs[SETTING] == DEFAULT) | runs[SETTING].str.startswith(f"{law.over}=", na=False)]
-        runs = runs.assign(over=[json.loads(settings).get(law.over) for settings in runs["settings"]])
-        runs = runs[runs["over"] >= law.least]
+    for law in load_data()["laws"]:
+        over, form = law["over"], law.get("form")
+        runs = tried[tried[SUBJECT] == law["subject"]]
+        runs = runs[(runs[SETTING] == DEFAULT) | runs[SETTING].str.startswith(f"{over}=", na=False)]
+        runs = runs.assign(over=[json.loads(settings).get(over) for settings in runs["settings"]])
+        runs = runs[runs["over"] >= law.get("least", 0.0)]
         if runs.empty:
             continue
-        kind = "ratio" if law.form else "exponent"
-        found, expected = (_farthest(runs, law.form), 1.0) if law.form else (_power(runs), law.exponent or 0.0)
-        rows.append({SUBJECT: law.subject, "over": law.over, "kind": kind, "law [-]": expected, "source": law.source,
+        kind, expected = ("ratio", 1.0) if form else ("exponent", float(law["exponent"]))
+        found = _farthest(runs, form) if form else _power(runs)
+        rows.append({SUBJECT: law["subject"], "over": over, "kind": kind, "law [-]": expected, "source": law["source"],
                      "runs": len(runs), FOUND: found and found.value, FOUND_UNSURE: found and found.uncertainty,
                      "verdict": verdict(found, expected, BAND[kind])})
     return pd.DataFrame(rows, columns=[SUBJECT, "over", "kind", "law [-]", "source", "runs", FOUND, FOUND_UNSURE,
@@ -438,7 +389,7 @@ def laws_table(table: pd.DataFrame) -> pd.DataFrame:
 
 def _farthest(runs: pd.DataFrame, form: str) -> Uncertain:
     """The ratio of creep to what the form predicts that is farthest from 1."""
-    predicted = np.array([getattr(creep_laws, form)(*pair) for pair in zip(runs[PART], runs["over"])])
+    predicted = FORMS[form](runs[PART].to_numpy(float), runs["over"].to_numpy(float))
     ratios = runs[CREEP].abs().to_numpy(float) / predicted
     place = int(np.abs(ratios - 1).argmax())
     return Uncertain(float(ratios[place]), float(runs[UNSURE].to_numpy(float)[place] / predicted[place]))
@@ -479,16 +430,12 @@ def settings_table(table: pd.DataFrame) -> pd.DataFrame:
                 found, before = found.loc[shared], default.loc[shared]
                 worst, slip = (abs(runs.at[fastest(runs), CREEP]) for runs in (found, before))
                 times = ratio_interval(found[OWN_CPU].tolist(), before[OWN_CPU].tolist())
-                row |= {CREEP: worst, UNSURE: found.at[fastest(found), UNSURE], SLOWER: _over(worst, slip),
+                ratio = worst / slip if slip > 0 else 1.0 if worst == 0 else math.nan
+                row |= {CREEP: worst, UNSURE: found.at[fastest(found), UNSURE], SLOWER: ratio,
                         TIME: times.value, f"{TIME}, low": times.low, f"{TIME}, high": times.high}
             rows.append(row)
     return pd.DataFrame(rows, columns=[SUBJECT, SETTING, "failed", CREEP, UNSURE, SLOWER, TIME, f"{TIME}, low",
                                        f"{TIME}, high"])
-
-
-def _over(creep: float, default: float) -> float:
-    """Ratio of two speeds; 1 where both are 0, none to a default that does not creep."""
-    return creep / default if default > 0 else 1.0 if creep == 0 else math.nan
 
 
 def present(results: Results) -> Presentation:
@@ -511,12 +458,12 @@ def present(results: Results) -> Presentation:
         row["variant"]: TracedText("lets go") if row[LETS_GO] is True else
         traced("{}", _speed("hold-methods", methods, label)) for label, row in ranked.iterrows()})
     loads = sorted(table.loc[table[TEST] == HELD, LOAD].unique())
-    figures = [_over_load(table, methods, loads), *([_over_cost(settings)] if len(settings) else [])]
-    published = results.table("hold-published")
-    findings = (*_named(table, ranked, creeping), _least(settings, best), *_laws(laws), _published(published),
-                _failed(methods))
+    by_load = _by_load(table, methods, loads)
+    figures = [_over_load(by_load, loads), *([_over_cost(settings)] if len(settings) else [])]
+    of_others, published = _published(results.table("hold-published"))
+    findings = (*_named(table, ranked, creeping), _least(settings, best), *_laws(laws), of_others, _failed(methods))
     return Presentation(answer, tuple(filter(None, findings)), (headline,),
-                        (*_tables(table, methods, settings, laws, loads), *_published_table(published)),
+                        (*_tables(table, methods, settings, laws, by_load, loads), *published),
                         tuple(figures), NOTES, joined(_regularized(methods, creeping), _most_helpful(settings, best)))
 
 
@@ -617,24 +564,21 @@ def _found(laws: pd.DataFrame, label: int) -> TracedText:
     return traced(" ({} {})", str(laws.at[label, "kind"]), interval("hold-laws", laws, label, FOUND, FOUND_UNSURE))
 
 
-def _published(published: pd.DataFrame) -> TracedText:
-    """The farthest of our numbers from published ones, without those that chose the model."""
+def _published(published: pd.DataFrame) -> tuple[TracedText, list[TableView]]:
+    """The farthest of our numbers from published ones, without those that chose the model; and all of them."""
     if PUBLISHED not in published:
-        return TracedText(f"Published creep was not run: {published['reason'].iloc[0]}." if len(published) else "")
+        reasons = published["reason"] if len(published) else ()
+        return TracedText("".join(f"Published creep was not run: {reason}." for reason in reasons)), []
     others = published[published[PUBLISHED].notna() & ~published[MATCHED].astype(bool)]
     farthest = int((others[OURS] / others[PUBLISHED] - 1).abs().idxmax())
-    return traced("MuJoCo's published creep of a capsule between pads: {} here where it is farthest, {} um/s there.",
+    said = traced("MuJoCo's published creep of a capsule between pads: {} here where it is farthest, {} um/s there.",
                   interval("hold-published", published, farthest, OURS, UNCERTAINTY),
                   value("hold-published", published, farthest, PUBLISHED, "g"))
-
-
-def _published_table(published: pd.DataFrame) -> Iterator[TableView]:
-    if PUBLISHED in published:
-        yield view("hold-published", "Creep of a capsule between two pads in MuJoCo, as published in its issue 3328 "
-                   "and ours. Matched: what the model's listing leaves open was chosen to meet this number.", published,
-                   (Column("case"), Column(PUBLISHED, "published", "um/s", form="g"),
-                    Column(OURS, "ours", "um/s", UNCERTAINTY, interval=True), Column("margin", form=".3g"),
-                    Column(MATCHED), Column("source", brief=False)))
+    return said, [view("hold-published", "Creep of a capsule between two pads in MuJoCo, as published in its issue "
+                       "3328 and ours. Matched: what the model's listing leaves open was chosen to meet this number.",
+                       published, (Column("case"), Column(PUBLISHED, "published", "um/s", form="g"),
+                                   Column(OURS, "ours", "um/s", UNCERTAINTY, interval=True),
+                                   Column("margin", form=".3g"), Column(MATCHED), Column("source", brief=False)))]
 
 
 def _failed(methods: pd.DataFrame) -> TracedText:
@@ -644,12 +588,16 @@ def _failed(methods: pd.DataFrame) -> TracedText:
         for label, row in found.iterrows()]))
 
 
-def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, laws: pd.DataFrame,
+Rows = list[tuple[dict[str, Any], pd.DataFrame]]
+"""Rows of a table, each with the runs that it sums up."""
+
+
+def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, laws: pd.DataFrame, by_load: Rows,
             loads: Sequence[float]) -> Iterator[TableView]:
     """Creep by method and load, what is beyond the limit, settings, laws, and every run."""
     at_loads = [Column(f"creep at {load:g}", f"{100 * load:g} %", "m/s", f"uncertainty at {load:g}") for load in loads]
     yield view("hold", "Creep of each method, the fastest on any scene, at loads in parts of the limit; the step "
-               "nearest to 1 ms or the tightest tolerance.", _by_load(table, methods, loads),
+               "nearest to 1 ms or the tightest tolerance.", by_load,
                (Column("variant", "method"), Column("fidelity"), Column(FRICTION_BY, "friction law supplied by"),
                 *at_loads, Column("scene", "fastest on", brief=False), Column(HOLDS)))
     usual = with_columns(table, CREEP, UNSURE, LETS_GO)
@@ -687,19 +635,12 @@ def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, 
                source="hold", in_report=False)
 
 
-def _at_equal_step(table: pd.DataFrame, methods: pd.DataFrame) -> Iterator[tuple[pd.Series, pd.DataFrame]]:
-    """Each method with the runs of it that stand for it."""
-    own = table[table[SUBJECT].isna()]
+def _by_load(table: pd.DataFrame, methods: pd.DataFrame, loads: Sequence[float]) -> Rows:
+    """The fastest creep of each method at each load."""
+    found, own = [], with_columns(table[table[SUBJECT].isna()], CREEP, UNSURE, LETS_GO)
     for _, method in methods.iterrows():
-        yield method, at_equal_step(own, method["variant"])
-
-
-def _by_load(table: pd.DataFrame, methods: pd.DataFrame,
-             loads: Sequence[float]) -> list[tuple[dict[str, Any], pd.DataFrame]]:
-    found = []
-    for method, runs in _at_equal_step(table, methods):
-        held = with_columns(runs, CREEP, UNSURE, LETS_GO)
-        held = _at_rest(held[held[TEST].eq(HELD) & held[CREEP].notna()])
+        runs = at_equal_step(own, method["variant"])
+        held = _at_rest(runs[runs[TEST].eq(HELD) & runs[CREEP].notna()])
         row = {**method[["variant", "fidelity", "scene"]], HOLDS: OPEN if pd.isna(method[HOLDS]) else method[HOLDS],
                FRICTION_BY: next(iter(runs[FRICTION_BY].dropna()), "")}
         for load in loads:
@@ -710,16 +651,16 @@ def _by_load(table: pd.DataFrame, methods: pd.DataFrame,
     return found
 
 
-def _beyond(table: pd.DataFrame, methods: pd.DataFrame) -> list[tuple[dict[str, Any], pd.DataFrame]]:
+def _beyond(table: pd.DataFrame, methods: pd.DataFrame) -> Rows:
     """The worst landing, break-away, acceleration and stop of each method."""
-    table, found = with_columns(table, LANDED, BREAK_AWAY, BREAK_UNSURE, FASTER, STOPPED, STOP_UNSURE, "bound"), []
-    if table[BREAK_AWAY].isna().all():
-        return []
-    exact = table[[LANDED, STOPPED]].abs() < ROUNDING
-    table = table.assign(**{column: table[column].mask(exact[column], 0.0) for column in exact},
-                         **{STOP_UNSURE: table[STOP_UNSURE].mask(exact[STOPPED])})
-    for method, runs in _at_equal_step(table, methods):
-        row = {**method[["variant", "fidelity"]]}
+    own = with_columns(table[table[SUBJECT].isna()], LANDED, BREAK_AWAY, BREAK_UNSURE, FASTER, STOPPED, STOP_UNSURE,
+                       "bound")
+    exact = own[[LANDED, STOPPED]].abs() < ROUNDING
+    own = own.assign(**{column: own[column].mask(exact[column], 0.0) for column in exact},
+                     **{STOP_UNSURE: own[STOP_UNSURE].mask(exact[STOPPED])})
+    found = []
+    for _, method in methods.iterrows() if own[BREAK_AWAY].notna().any() else ():
+        runs, row = at_equal_step(own, method["variant"]), {**method[["variant", "fidelity"]]}
         for names in ((LANDED,), (BREAK_AWAY, BREAK_UNSURE, "bound"), (FASTER,), (STOPPED, STOP_UNSURE)):
             if runs[names[0]].notna().any():
                 row |= dict(runs.loc[runs[names[0]].abs().idxmax(), list(names)])
@@ -727,13 +668,12 @@ def _beyond(table: pd.DataFrame, methods: pd.DataFrame) -> list[tuple[dict[str, 
     return found
 
 
-def _over_load(table: pd.DataFrame, methods: pd.DataFrame, loads: Sequence[float]) -> Chart:
+def _over_load(by_load: Rows, loads: Sequence[float]) -> Chart:
     """A panel a fidelity, a line a method."""
-    rows = [row for row, _ in _by_load(table, methods, loads)]
     panels = []
     for fidelity in FIDELITIES:
         series = []
-        for row in rows:
+        for row, _ in by_load:
             known = [load for load in loads if f"creep at {load:g}" in row]
             creep = np.array([row[f"creep at {load:g}"] for load in known], dtype=float)
             if row["fidelity"] == fidelity and creep.any():

@@ -22,19 +22,18 @@ import pandas as pd
 from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
 from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.measures.claim_measures import CORNERS, EFFORT, LINE, MEASURES, ClaimMargin, Example
-from stiction.comparisons.measures.drift_growth import BOUNDED, INCONCLUSIVE, ROUNDED
+from stiction.comparisons.measures.drift_growth import INCONCLUSIVE, ROUNDED
 from stiction.comparisons.measures.steady_stretch import Stretch, run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.presentation import Column, Presentation, TracedText, count, listed, traced, view
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.stabilization_drift import (LENGTHS, NONE, PAPERS, decisive_runs,
-                                                              drift_study_comparison, longest)
+from stiction.comparisons.studies.stabilization_drift import (LENGTHS, NONE, PAPERS, Law, decisive_runs,
+                                                              drift_study_comparison)
 from stiction.comparisons.studies.stick_threshold import STUDY as THRESHOLD_STUDY
 from stiction.comparisons.studies.stick_threshold import TRUTH
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import HIGH_PRECISION, NoMotion, StickThreshold, slider_bar_truth
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState, stick_threshold
-from stiction.comparisons.uncertain import Uncertain
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_to_toml, vary
@@ -90,7 +89,7 @@ class Claim:
         try:
             return MEASURES[self.measure](Example(views.cases, views.threshold, view), self.number, **self.arguments)
         except (NoSteadyState, NoMotion) as error:
-            return ClaimMargin(float("nan"), str(error))
+            return ClaimMargin(float("nan"), why=str(error))
 
 
 _QUOTED = tomllib.loads((resources.files("stiction.comparisons") / "data" / "paper_claims.toml").read_text("utf-8"))
@@ -165,7 +164,7 @@ def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> 
 
 
 def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: str) -> pd.DataFrame:
-    """One row per claim with `Claim.case` `about`: words and place, verdict, margins and findings, run and step needed.
+    """One row per claim with `Claim.case` `about`: words and place, verdict, margins, run and step needed.
 
     The threshold is that of the first case. The index is the place of the claim among `claims`.
     """
@@ -186,16 +185,14 @@ def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
             for entry in _QUOTED["drift_claim"]]
 
 
-def _drift_row(runs: Sequence[Mapping[Any, Any]], words: str, stabilized: bool, allowed: Sequence[str],
+def _drift_row(found: Sequence[tuple[Mapping[Any, Any], Law]], words: str, stabilized: bool, allowed: Sequence[str],
                margin: str) -> dict[str, Any]:
-    laws = [longest(run) for run in runs]
+    runs, laws = [run for run, _ in found], [law for _, law in found]
     held = [law in allowed for law, *_ in laws if law != INCONCLUSIVE]  # a run that is too short decides nothing
     said = UNDECIDED if not held else HOLDS if all(held) else PARTLY if any(held) else FAILS
     row: dict[str, Any] = {
         "case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": said, "margin is": margin,
-        "truth tier": "closed form",
-        "found, HLCP, from the start": "; ".join(map(_law_in_words, runs)) or "no run",
-        "runs of the study": "; ".join(run["run"] for run in runs)}
+        "truth tier": "closed form", "runs of the study": "; ".join(run["run"] for run in runs)}
     margins = [1 - spread if stabilized else exponent - half for law, exponent, half, spread, _ in laws
                if law not in (ROUNDED, INCONCLUSIVE)]
     if margins:
@@ -207,25 +204,15 @@ def _drift_row(runs: Sequence[Mapping[Any, Any]], words: str, stabilized: bool, 
     return row
 
 
-def _law_in_words(run: Mapping[str, Any]) -> str:
-    law, exponent, half, _, length = longest(run)
-    words = f"{1e3 * run['step']:g} ms: {law} over {length:g} s"
-    if law in (ROUNDED, BOUNDED):
-        return words
-    until = run.get(f"above rounding until, {length:g} s [s]", length)
-    seen = f", read to {until:g} s, rounding beyond" if np.isfinite(until) and until < length else ""
-    return f"{words}, as t^({Uncertain(exponent, half).both()}){seen}"
-
-
 def _examine(claim: Claim, views: Views) -> dict[str, Any]:
     if not claim.measure:
         return {"verdict": NOT_TESTABLE, "why": claim.why}
     found = findings(claim, views)
     said = verdict(claim, found)
-    return {"verdict": said, "why": claim.contradiction if said == CONTRADICTS else "",
+    why = "; ".join(f"{name}: {finding.why}" for name, finding in found.items() if finding.why)
+    return {"verdict": said, "why": claim.contradiction if said == CONTRADICTS else why,
             "margin is": _QUOTED["margin"][claim.measure].format(LINE=LINE, **claim.arguments) + claim.remark,
             **{f"margin, {name}": finding.margin for name, finding in found.items()},
-            **{f"found, {name}": finding.words for name, finding in found.items()},
             **(_needs(claim, views) if said in (HOLDS, STEADY, CONTRADICTS) else {})}
 
 

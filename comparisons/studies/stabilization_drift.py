@@ -79,15 +79,11 @@ class Choice:
         return np.roots([1.0, 2 * self.alpha, self.beta ** 2])
 
     def amplification(self, step: float) -> float:
-        """Largest factor by which a step multiplies a residual, nan where there is no Baumgarte term."""
-        if self.method != "baumgarte":
-            return float("nan")
+        """Largest factor by which a step multiplies a residual with these Baumgarte terms."""
         return float(np.max(np.abs(runge_kutta_factor(step * self.roots))))
 
     def largest_step(self) -> float:
-        """The step at which residuals begin to grow, s; infinite without a Baumgarte term."""
-        if self.method != "baumgarte":
-            return float("inf")
+        """The step at which residuals begin to grow with these Baumgarte terms, s."""
         fastest = float(np.max(np.abs(self.roots)))
         return float(brentq(lambda step: self.amplification(step) - 1, 1.0 / fastest, 10.0 / fastest, xtol=1e-12))
 
@@ -105,7 +101,7 @@ CALLED = {NONE: "Without stabilization", PAPERS: "With the paper's Baumgarte ter
 
 @dataclass(frozen=True)
 class LongRun:
-    """A run of the paper's scheme."""
+    """A run of the paper's scheme, of `t_end` seconds."""
 
     scene: Scene
     choice: Choice
@@ -115,19 +111,6 @@ class LongRun:
     @property
     def name(self) -> str:
         return f"{self.scene.name}/{self.choice.label}/dt={self.step:g}"
-
-    @property
-    def stabilized(self) -> Scene:
-        """The scene with alpha and beta of the choice."""
-        if self.choice.method != "baumgarte":
-            return self.scene
-        return vary(self.scene, {"stabilization.alpha": self.choice.alpha, "stabilization.beta": self.choice.beta})
-
-    def describe(self) -> dict[str, Any]:
-        """The columns that are known before the run."""
-        return {"scene": self.scene.name, "choice": self.choice.label, "run": self.name,
-                "alpha [1/s]": self.choice.alpha or None, "beta [1/s]": self.choice.beta or None, "step": self.step,
-                "time [s]": self.t_end}
 
 
 def long_runs(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> list[LongRun]:
@@ -182,30 +165,25 @@ def rounding_level(scene: Scene, choice: Choice, step: float, run: Trajectory) -
     return evaluation + ADDITIONS * ulp / 2 / step * 2 * choice.alpha / choice.beta ** 2 * lever
 
 
-@dataclass(frozen=True)
-class DriftRun:
-    """Columns measured on a run, and end (s) and root mean square (m) of each octave of its drift."""
-
-    row: Mapping[str, Any]
-    octaves: tuple[tuple[float, float], ...] = ()
+DriftRun = tuple[dict[str, Any], tuple[tuple[float, float], ...]]
+"""Columns measured on a run, and end (s) and root mean square (m) of each octave of its drift."""
 
 
 def drift_run(long: LongRun) -> DriftRun:
     """Run the paper's scheme with a choice against drift, and measure drift and error."""
     scene, choice, step, t_end = long.scene, long.choice, long.step, long.t_end
+    terms = {"stabilization.alpha": choice.alpha, "stabilization.beta": choice.beta}
+    stabilized = vary(scene, terms) if choice.method == "baumgarte" else scene
 
     def simulate(end: float, output_step: float) -> Trajectory:
-        return ReferenceEngine().simulate(long.stabilized, t_end=end, dt=step, output_step=output_step,
+        return ReferenceEngine().simulate(stabilized, t_end=end, dt=step, output_step=output_step,
                                           stabilization=choice.method, event_values=False)
 
     run = simulate(t_end, max(step, t_end / SAMPLES))
     rounding, drift = rounding_level(scene, choice, step, run), run["drift.position"]
     row: dict[str, Any] = {
-        "reason": "" if run.termination == "end" else run.termination, "steps [-]": run.cost.counters["steps"],
-        "hlcp [-]": run.cost.counters["hlcp"], "amplification per step [-]": choice.amplification(step),
-        "largest stable step [s]": choice.largest_step(), IN_SHORT: float(np.max(drift[run.t <= SHORT])),
-        POSITION: float(np.max(drift)), "position drift by rounding at the end, at most [m]": float(rounding[-1]),
-        VELOCITY: float(np.max(run["drift.velocity"]))}
+        "reason": "" if run.termination == "end" else run.termination, IN_SHORT: float(np.max(drift[run.t <= SHORT])),
+        POSITION: float(np.max(drift)), VELOCITY: float(np.max(run["drift.velocity"]))}
     octaves: tuple[tuple[float, float], ...] = ()
     for length in LENGTHS if run.termination == "end" else ():
         if length <= t_end:
@@ -215,9 +193,9 @@ def drift_run(long: LongRun) -> DriftRun:
             row |= {f"growth, {length:g} s": law.verdict, f"exponent of growth, {length:g} s [-]": law.exponent,
                     f"interval of the exponent, {length:g} s [-]": law.uncertainty,
                     f"above rounding until, {length:g} s [s]": law.until,
-                    f"spread, of a random walk's, {length:g} s [-]": law.spread / law.walk}
+                    f"spread, of a random walk's, {length:g} s [-]": law.spread}
     found = errors(simulate(SHORT, 1e-2), slider_bar_truth(scene, SHORT), size_of(scene))
-    return DriftRun(row | {name: found.get(name) for name in (ERROR, "position uncertainty [m]")}, octaves)
+    return row | {name: found.get(name) for name in (ERROR, "position uncertainty [m]")}, octaves
 
 
 def drift_study(runs: Sequence[LongRun], outcomes: Sequence[Outcome]) -> Tables:
@@ -228,10 +206,11 @@ def drift_study(runs: Sequence[LongRun], outcomes: Sequence[Outcome]) -> Tables:
     """
     rows, octaves = [], []
     for run, outcome in zip(runs, outcomes, strict=True):
-        made: DriftRun = outcome.value or DriftRun({"reason": outcome.reason or outcome.status})
-        rows.append({**run.describe(), **made.row, "status": outcome.status})
-        octaves += [{"scene": run.scene.name, "choice": run.choice.label, "step": run.step, "to [s]": end, OCTAVE: size}
-                    for end, size in made.octaves]
+        made: DriftRun = outcome.value or ({"reason": outcome.reason or outcome.status}, ())
+        row = {"scene": run.scene.name, "choice": run.choice.label, "step": run.step}
+        rows.append({**row, "run": run.name, "alpha [1/s]": run.choice.alpha or None,
+                     "beta [1/s]": run.choice.beta or None, "time [s]": run.t_end, **made[0], "status": outcome.status})
+        octaves += [{**row, "to [s]": end, OCTAVE: size} for end, size in made[1]]
     table = pd.DataFrame(rows)
     if IN_SHORT in table:
         without = table[table["choice"] == NONE.label].set_index(["scene", "step"])
@@ -244,14 +223,6 @@ def drift_study(runs: Sequence[LongRun], outcomes: Sequence[Outcome]) -> Tables:
     return Tables({"study": table, "octaves": pd.DataFrame(octaves)})
 
 
-def decisive_runs(table: pd.DataFrame, scene: str, choice: Choice) -> list[dict[Hashable, Any]]:
-    """Return the runs on a scene that decide what the paper says of drift with a choice."""
-    if table.empty:
-        return []
-    decisive = (table["scene"] == scene) & (table["reason"] == "") & table["step"].isin(STEPS)
-    return table[decisive & (table["choice"] == choice.label)].to_dict("records")
-
-
 class Law(NamedTuple):
     """A law of growth: verdict, exponent and its interval, spread in units of a random walk's, and time (s)."""
 
@@ -262,12 +233,18 @@ class Law(NamedTuple):
     length: float
 
 
-def longest(row: Mapping[str, Any]) -> Law:
-    """The law over the longest part of a run that has one."""
-    length = max(length for length in LENGTHS if isinstance(row.get(f"growth, {length:g} s"), str))
-    exponent, interval, spread = (row[f"{name}, {length:g} s [-]"] for name in (
-        "exponent of growth", "interval of the exponent", "spread, of a random walk's"))
-    return Law(row[f"growth, {length:g} s"], exponent, interval, spread, length)
+def decisive_runs(table: pd.DataFrame, scene: str, choice: Choice) -> list[tuple[dict[Hashable, Any], Law]]:
+    """Return the runs on a scene that decide what the paper says of drift, with the laws of their longest parts."""
+    if table.empty:
+        return []
+    decisive = (table["scene"] == scene) & (table["reason"] == "") & table["step"].isin(STEPS)
+    found = []
+    for run in table[decisive & (table["choice"] == choice.label)].to_dict("records"):
+        length = max(length for length in LENGTHS if isinstance(run.get(f"growth, {length:g} s"), str))
+        numbers = (run[f"{name}, {length:g} s [-]"] for name in (
+            "exponent of growth", "interval of the exponent", "spread, of a random walk's"))
+        found.append((run, Law(run[f"growth, {length:g} s"], *numbers, length)))
+    return found
 
 
 def present(results: Results) -> Presentation:

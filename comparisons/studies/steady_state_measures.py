@@ -79,7 +79,7 @@ class SteadyRun:
         return COMMON_STEP * time_factor(scene, self.t_end)
 
 
-@dataclass(frozen=True)
+@dataclass
 class SteadyWindow:
     """A run, and the last period of its motion in steady state, which is measured.
 
@@ -106,6 +106,21 @@ class SteadyWindow:
     end: float
     period: float
     rtol: float
+
+    def __post_init__(self) -> None:
+        """Positions, velocities and accelerations, where requested, (samples, 3 bodies) each; their units and ranges.
+
+        Distances from a limit that are allowed are a part of the ranges, and the error of a step.
+        """
+        columns, bodies = self.whole.columns, list(self.scene.bodies)
+        self._motion = [np.column_stack([columns[f"{body}.{label}"] for body in bodies for label in labels])
+                        for labels in BODY_COLUMNS if f"{bodies[0]}.{labels[0]}" in columns]
+        self._size = float(self.mechanism.arrays.length_scale)
+        self._unit = np.tile([1.0, 1.0, self._size], len(bodies))  # metres in a unit of each coordinate
+        self._fastest = float(np.max(np.abs(self._motion[1]) * self._unit))
+        self._ranges = [np.ptp(values, axis=0) * self._unit for values in self._motion[:2]]
+        self._allowed = self.rtol * np.concatenate([REPEATS * self._ranges[0] + self._size,
+                                                    REPEATS * self._ranges[1] + (self._fastest or 1.0)])
 
     @cached_property
     def start(self) -> float:
@@ -134,38 +149,6 @@ class SteadyWindow:
         columns = {name: values[inside] for name, values in self.whole.columns.items()}
         events = tuple(event for event in self.whole.events if event.time > self.start)
         return replace(self.whole, t=self.whole.t[inside], columns=columns, events=events)
-
-    @property
-    def _size(self) -> float:
-        return float(self.mechanism.arrays.length_scale)
-
-    @cached_property
-    def _unit(self) -> np.ndarray:
-        """Metres in a unit of each coordinate."""
-        return np.tile([1.0, 1.0, self._size], len(self.scene.bodies))
-
-    @cached_property
-    def _motion(self) -> list[np.ndarray]:
-        """Positions, velocities and, where they were requested, accelerations, (samples, 3 bodies) each."""
-        columns, first = self.whole.columns, next(iter(self.scene.bodies))
-        return [np.column_stack([columns[f"{body}.{label}"] for body in self.scene.bodies for label in labels])
-                for labels in BODY_COLUMNS if f"{first}.{labels[0]}" in columns]
-
-    @cached_property
-    def _fastest(self) -> float:
-        return float(np.max(np.abs(self._motion[1]) * self._unit))
-
-    @cached_property
-    def _ranges(self) -> tuple[np.ndarray, np.ndarray]:
-        """Ranges of positions (m) and velocities (m/s)."""
-        return np.ptp(self._motion[0], axis=0) * self._unit, np.ptp(self._motion[1], axis=0) * self._unit
-
-    @cached_property
-    def _allowed(self) -> np.ndarray:
-        """Distance of positions and velocities from their limit: a part of their range, and the error of a step."""
-        of_positions, of_velocities = self._ranges
-        return self.rtol * np.concatenate([REPEATS * of_positions + self._size,
-                                           REPEATS * of_velocities + (self._fastest or 1.0)])
 
     def _is_steady(self) -> bool:
         """Return True if all bodies rest, or move uniformly along ways on which nothing changes."""
@@ -337,32 +320,28 @@ def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> 
         period = excitation_period(scene, run.settle)
     except NoCommonPeriod:
         period = np.nan
-    if run.is_event_driven_reference:
-        return _window_of_reference(scene, run, measures, period)
-    return _window_of_engine(scene, run, period)
-
-
-def _window_of_reference(scene: Scene, run: SteadyRun, measures: Sequence[Measure], period: float) -> SteadyWindow:
-    """Simulate with samples behind `settle` alone: of as many whole periods as fit, where there are any."""
     mechanism = Mechanism(scene, "projection")
+    of = _window_of_reference if run.is_event_driven_reference else _window_of_engine
+    return of(scene, mechanism, run, measures, period)
+
+
+def _window_of_reference(scene: Scene, mechanism: Mechanism, run: SteadyRun, measures: Sequence[Measure],
+                         period: float) -> SteadyWindow:
+    """Simulate with equally spaced samples behind `settle` alone: of as many whole periods as fit, if there are any."""
     q, v = consistent_start(mechanism, assemble=True)
-    is_sampled = any(measure.sampled for measure in measures)
-    instants = _instants(run.settle, run.t_end, period, SAMPLE_STEP if is_sampled else np.inf)
+    settle, t_end = run.settle, run.t_end
+    if period < np.inf:
+        longest = SAMPLE_STEP if any(measure.sampled for measure in measures) else np.inf
+        periods, samples = _whole_periods(t_end - settle, period, longest)
+        instants = np.linspace(t_end - periods * period, t_end, samples + 1) if periods else np.array([settle, t_end])
+    else:
+        instants = np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
     columns = {measure.source(scene) for measure in measures if measure.needs}
     columns |= {f"{body}.{label}" for body in scene.bodies
                 for labels in BODY_COLUMNS[:2 if period < np.inf else 3] for label in labels}
-    integration = Integration(mechanism, q, v, instants, run.t_end, run.rtol,
+    integration = Integration(mechanism, q, v, instants, t_end, run.rtol,
                               Options(STEP_LIMIT, names=columns, events_behind=float(instants[0])))
-    return SteadyWindow(scene, mechanism, integration, _ended(integration.run), True, run.settle, run.t_end, period,
-                        run.rtol)
-
-
-def _instants(settle: float, t_end: float, period: float, longest: float) -> np.ndarray:
-    """Equally spaced samples up to `t_end`, in a periodic motion `longest` seconds apart at most."""
-    if not period < np.inf:
-        return np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
-    periods, samples = _whole_periods(t_end - settle, period, longest)
-    return np.linspace(t_end - periods * period, t_end, samples + 1) if periods else np.array([settle, t_end])
+    return SteadyWindow(scene, mechanism, integration, _ended(integration.run), True, settle, t_end, period, run.rtol)
 
 
 def _whole_periods(time: float, period: float, longest: float) -> tuple[int, int]:
@@ -371,18 +350,17 @@ def _whole_periods(time: float, period: float, longest: float) -> tuple[int, int
     return periods, periods * max(FEWEST_SAMPLES, int(np.ceil(period / longest)))
 
 
-def _window_of_engine(scene: Scene, run: SteadyRun, period: float) -> SteadyWindow:
+def _window_of_engine(scene: Scene, mechanism: Mechanism, run: SteadyRun, _: Sequence[Measure],
+                      period: float) -> SteadyWindow:
     """Simulate up to the last whole period, which is a whole number of samples, and each of them of steps."""
     largest_step = run.step(scene)
     finest = max(SHORTEST_STICK, 2 * (largest_step or 0.0))  # two steps at least
+    end, count = run.t_end, int(np.ceil(run.t_end / finest))
     if period <= run.t_end:
         periods, count = _whole_periods(run.t_end, period, finest)
         end = periods * period
-    else:
-        end, count = run.t_end, int(np.ceil(run.t_end / finest))
     sample_step = end / count
-    steps = math.ceil(sample_step / largest_step) if largest_step else None
-    accuracy = {"dt": sample_step / steps} if steps else {"rtol": run.rtol}
+    accuracy = {"dt": sample_step / math.ceil(sample_step / largest_step)} if largest_step else {"rtol": run.rtol}
     trajectory = _ended(load_engine(run.engine).simulate(
         with_consistent_start(scene, assemble=True), t_end=end, output_step=sample_step, fidelity=run.fidelity,
         **accuracy))
@@ -393,7 +371,6 @@ def _window_of_engine(scene: Scene, run: SteadyRun, period: float) -> SteadyWind
     behind = instants >= run.settle * (1 - 1e-12)
     columns = {name: values[behind] for name, values in trajectory.columns.items()}
     whole = replace(trajectory, t=instants[behind], columns=columns)
-    mechanism = Mechanism(scene, "projection")
     q, v = (np.array([columns[f"{body}.{label}"][-1] for body in scene.bodies for label in labels])
             for labels in BODY_COLUMNS[:2])
     integration = Integration(mechanism, q, v, instants[:1], end, run.rtol)

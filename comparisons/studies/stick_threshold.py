@@ -19,8 +19,8 @@ from stiction.comparisons.proof.theorems import with_theorem
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import HIGH_PRECISION, NO_TRUTH, PROVEN, StickThreshold, stick_threshold
-from stiction.comparisons.truth.reduced.steady_state import DEFINITION, with_threshold
-from stiction.comparisons.variants import OWN_CPU, Variant, has_static_coefficient, physics_of, run_key, truth_key
+from stiction.comparisons.truth.reduced.steady_state import with_threshold
+from stiction.comparisons.variants import Variant, has_static_coefficient, physics_of, run_key, truth_key
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import label_of, load_engine
@@ -57,22 +57,14 @@ WITH_STICK, WITHOUT_STICK = "F0 with stick [N]", "F0 without stick [N]"
 class Threshold:
     """A bracket of the threshold: the largest F0 seen with and the smallest seen without a stick phase, N.
 
-    With located events the settling is followed by the return map (`settled`): `settle_periods` were needed, and
-    `residual` (N) is what the rest of the transient can shift a threshold by. `creep_speed` is the median speed (m/s)
-    in the window's slowest connected stretch of `SHORTEST_STICK` at the bracket's lower end (None with located events);
-    `runs` the number of simulations, `cpu_s` their CPU time and `engine_s` the engine's share of it; `remark` why a
-    bracket is missing.
+    `runs` is the number of simulations, `remark` says why a bracket is missing. With located events, `residual` (N) is
+    what the rest of the transient can shift a threshold by.
     """
 
     with_stick: float | None
     without_stick: float | None
-    creep_speed: float | None
-    period: float
     runs: int
-    cpu_s: float
-    engine_s: float
     remark: str = ""
-    settle_periods: int | None = None
     residual: float = 0.0
 
 
@@ -106,7 +98,7 @@ class Search:
 
 @dataclass
 class StickProbe:
-    """Runs of an engine at one amplitude each, their costs, and whether their steady states have a stick phase.
+    """Runs of an engine at one amplitude each, and whether their steady states have a stick phase.
 
     Attributes
     ----------
@@ -115,7 +107,7 @@ class StickProbe:
     distance, floor : float
         Of a motion with located events, by which it counts as settled; see `settled`.
     seen : dict
-        By amplitude whether it sticks, and the creep speed (m/s) of a sampled motion.
+        By amplitude whether it sticks, and of a sampled motion the median speed (m/s) of its slowest stretch.
     """
 
     scene: Scene
@@ -125,9 +117,7 @@ class StickProbe:
     floor: float = SETTLED
     seen: dict[float, tuple[bool, float | None]] = field(default_factory=dict)
     runs: int = 0
-    cpu_s: float = 0.0
-    engine_s: float = 0.0
-    settle_periods: int | None = None
+    settle_periods: int = FIRST_SETTLING
     residual: float = 0.0
 
     def __post_init__(self) -> None:
@@ -138,12 +128,9 @@ class StickProbe:
             self.seen[F0] = self._sampled(F0, self.arguments["dt"]) if "dt" in self.arguments else self._located(F0)
         return self.seen[F0][0]
 
-    def bracket(self, with_stick: float | None, without_stick: float | None, at: float | None,
-                remark: str = "") -> Threshold:
-        """The result of a search, with the creep speed at an amplitude."""
-        creep = self.seen[at][1] if at is not None else None
-        return Threshold(with_stick, without_stick, creep, self.period, self.runs, self.cpu_s, self.engine_s, remark,
-                         self.settle_periods, self.residual)
+    def bracket(self, with_stick: float | None, without_stick: float | None, remark: str = "") -> Threshold:
+        """The result of a search."""
+        return Threshold(with_stick, without_stick, self.runs, remark, self.residual)
 
     def _simulate(self, F0: float, end: float, output_step: float) -> Trajectory:
         run = load_engine(self.engine).simulate(vary(self.scene, {AMPLITUDE: F0}), t_end=end, output_step=output_step,
@@ -151,8 +138,6 @@ class StickProbe:
         if run.termination != "end":
             raise EngineFailure(f"F0 = {F0:g}: {run.termination}")
         self.runs += 1
-        self.cpu_s += run.cost.stepping_s
-        self.engine_s += run.cost.own_s
         return run
 
     def _sampled(self, F0: float, step: float) -> tuple[bool, float]:
@@ -160,7 +145,7 @@ class StickProbe:
         return sticks(run, self.guide, SETTLE_PERIODS * self.period, step)
 
     def _located(self, F0: float) -> tuple[bool, None]:
-        periods = self.settle_periods or FIRST_SETTLING
+        periods = self.settle_periods
         while periods <= MOST_SETTLING:
             run = self._simulate(F0, periods * self.period, self.period)
             state = settled(run[f"{self.guide}.displacement"][:periods + 1], self.distance, self.floor)
@@ -197,15 +182,15 @@ def measure_threshold(scene: Scene, engine: str, arguments: Mapping[str, Any], s
         if not probe.sticks(low):
             creep = probe.seen[low][1]
             slowest = "" if creep is None else f": the slowest stretch moves at {creep:.2g} m/s"
-            return probe.bracket(None, None, low, f"no stick phase at F0 = {low:g} N{slowest}")
+            return probe.bracket(None, None, f"no stick phase at F0 = {low:g} N{slowest}")
         if probe.sticks(high):
-            return probe.bracket(high, None, high, f"still a stick phase at F0 = {high:g} N")
+            return probe.bracket(high, None, f"still a stick phase at F0 = {high:g} N")
         while high - low > search.width:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if probe.sticks(middle) else (low, middle)
     except NotSettled as error:
-        return probe.bracket(None, None, None, str(error))
-    return probe.bracket(low, high, low)
+        return probe.bracket(None, None, str(error))
+    return probe.bracket(low, high)
 
 
 def measure_series(scene: Scene, variant: Variant, search: Search) -> tuple[Threshold, ...]:
@@ -265,21 +250,16 @@ def true_thresholds(scene: Scene) -> Comparison[dict[bool, StickThreshold]]:
                             for has_mus, varied in physics.items()), tabulate)
 
 
-def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float,
-                         true: Mapping[bool, StickThreshold]) -> Comparison[pd.DataFrame]:
-    """The stick threshold of variants along their refinement series: `threshold_table`.
+def plan(scope: Scope) -> Comparison[Tables]:
+    """The threshold of every engine on the first scene, along its refinement series: `threshold_table`.
 
     The first search begins at the scene's own amplitude, finer ones at the variant's own coarser bracket. Only the
     range of a search uses the truth: from half the smaller to twice the larger of that amplitude and the true one.
-    Each ends with a bracket of `width` newton (with located events: `LOCATED_WIDTH`). The bracket is the variant's
+    Each ends with a bracket of the depth's width (with located events: `LOCATED_WIDTH`). The bracket is the variant's
     own: it was seen to stick at one end and not at the other.
-
-    Parameters
-    ----------
-    true
-        The yield of `true_thresholds` for the scene.
     """
-    tasks = []
+    scene, true = scope.scenes[0], scope.known[TRUTH]
+    variants, width, tasks = threshold_variants(scope.engines, scope.depth), extent(scope.depth).bracket, []
     for variant in variants:
         has_mus = has_static_coefficient(variant)
         physics = physics_of(scene, has_mus)
@@ -288,7 +268,8 @@ def threshold_comparison(scene: Scene, variants: Sequence[Variant], width: float
         search = Search(min(start, centre) / 2, 2 * max(start, centre),
                         LOCATED_WIDTH if variant.parameter == "rtol" else width, start, FIRST_PART * start)
         tasks.append(Task(f"threshold/{scene.name}/{variant.label}", measure_series, (physics, variant, search)))
-    return Comparison(tuple(tasks), lambda outcomes: threshold_table(scene, variants, outcomes, true), tuple(variants))
+    return Comparison(tuple(tasks), lambda outcomes: Tables({
+        "threshold": threshold_table(scene, variants, outcomes, true)}), variants)
 
 
 def threshold_table(scene: Scene, variants: Sequence[Variant], outcomes: Sequence[Outcome],
@@ -299,26 +280,20 @@ def threshold_table(scene: Scene, variants: Sequence[Variant], outcomes: Sequenc
     the change from the next coarser step.
     """
     rows = []
-    runs = [(variant, outcome, step, found) for variant, outcome in zip(variants, outcomes, strict=True)
-            for step, found in zip(variant.ladder, outcome.value or [None] * len(variant.ladder), strict=True)]
-    for variant, outcome, step, found in runs:
+    for variant, outcome in zip(variants, outcomes, strict=True):
         has_mus = has_static_coefficient(variant)
         truth, guide = true[has_mus], next(iter(physics_of(scene, has_mus).frictional_guides.values()))
-        row = {"scene": scene.name, "variant": variant.label, "engine": label_of(variant.engine),
-               "fidelity": variant.fidelity, "parameter": variant.parameter, "step": step, "status": outcome.status,
-               "reason": outcome.reason or (found.remark if found else ""), "definition": DEFINITION,
-               "truth [N]": truth.F0, "truth tier": NO_TRUTH if truth.F0 is None else PROVEN if truth.theorem else
-               HIGH_PRECISION, "truth note": truth.note, "truth uncertainty [N]": truth.uncertainty,
-               "theorem": truth.theorem, "paper [N]": PAPER_VALUE,
-               "g [m/s^2]": -scene.gravity[1] if scene.gravity else 0.0, "mu": guide.mu,
-               "mus": guide.static_coefficient, "creep tolerance [m/s]": CREEP_TOLERANCE,
-               "shortest stick [s]": SHORTEST_STICK,
-               "settling periods": (found and found.settle_periods) or SETTLE_PERIODS,
-               "key": f"threshold/{run_key(scene, variant, step)}"}
-        rows.append(row if found is None else row | {
-            WITH_STICK: found.with_stick, WITHOUT_STICK: found.without_stick, "creep speed [m/s]": found.creep_speed,
-            "window [s]": WINDOW_PERIODS * found.period, "runs": found.runs, "cpu [s]": found.cpu_s,
-            OWN_CPU: found.engine_s, "residual": found.residual})
+        tier = NO_TRUTH if truth.F0 is None else PROVEN if truth.theorem else HIGH_PRECISION
+        for step, found in zip(variant.ladder, outcome.value or [None] * len(variant.ladder), strict=True):
+            row = {"scene": scene.name, "variant": variant.label, "engine": label_of(variant.engine),
+                   "fidelity": variant.fidelity, "parameter": variant.parameter, "step": step,
+                   "status": outcome.status, "reason": outcome.reason or (found.remark if found else ""),
+                   "truth [N]": truth.F0, "truth tier": tier, "truth note": truth.note,
+                   "truth uncertainty [N]": truth.uncertainty, "theorem": truth.theorem, "paper [N]": PAPER_VALUE,
+                   "mus": guide.static_coefficient, "key": f"threshold/{run_key(scene, variant, step)}"}
+            rows.append(row if found is None else row | {
+                WITH_STICK: found.with_stick, WITHOUT_STICK: found.without_stick, "runs": found.runs,
+                "residual": found.residual})
     table = pd.DataFrame(rows)
     if WITH_STICK not in table:
         return table
@@ -326,16 +301,8 @@ def threshold_table(scene: Scene, variants: Sequence[Variant], outcomes: Sequenc
     middle = 0.5 * (ends[WITH_STICK] + ends[WITHOUT_STICK])
     change = middle.dropna().groupby(table["variant"]).diff().abs().reindex(table.index)
     width = ends[WITHOUT_STICK] - ends[WITH_STICK]
-    return table.assign(**ends, **{
-        MIDDLE: middle, ERROR: middle - table["truth [N]"].astype(float),
-        UNCERTAINTY: width + residual + change.fillna(0.0), "change from coarser step [N]": change})
-
-
-def plan(scope: Scope) -> Comparison[Tables]:
-    """The threshold of every engine on the first scene."""
-    variants = threshold_variants(scope.engines, scope.depth)
-    found = threshold_comparison(scope.scenes[0], variants, extent(scope.depth).bracket, scope.known[TRUTH])
-    return found.then(lambda table: Tables({"threshold": table}))
+    return table.assign(**ends, **{MIDDLE: middle, ERROR: middle - table["truth [N]"].astype(float),
+                                   UNCERTAINTY: width + residual + change.fillna(0.0)})
 
 
 def present(results: Results) -> Presentation:

@@ -50,6 +50,8 @@ FAILURES = {NotSettled: NO_STEADY_STATE, NoCommonPeriod: NO_STEADY_STATE, SceneE
 USUAL_PERIODS = 30
 """Periods of loads and drives in a run without a given end: as many as a stick threshold takes at first."""
 MAX_POINTS = 1_000_000
+Numbers = Callable[[Scene, SteadyRun, Any], dict[str, Any]]
+"""Numbers of a scene by column, or why there are none."""
 SPECIFICATION = "sweep.json"
 """File that makes a folder the folder of a sweep."""
 
@@ -158,19 +160,15 @@ class Specification:
         if THRESHOLD in self.measures and not (scene.frictional_guides and AMPLITUDE in scene.parameters):
             raise InputError(f"{THRESHOLD}: expected a frictional guide and a parameter {AMPLITUDE} in {scene.name}")
         for axis in self.axes:
-            self._check(axis)
-
-    def _check(self, axis: SweepAxis) -> None:
-        """One value at least must give a scene; the points of others are rows with the reason."""
-        problem: SceneError | None = None
-        for value in axis.values:
-            try:
-                vary(self.scene, {axis.key: value})
-                return
-            except SceneError as error:
-                problem = problem or error
-        if problem is not None:
-            raise problem
+            problems = []
+            for value in axis.values:
+                try:
+                    vary(scene, {axis.key: value})
+                    break
+                except SceneError as error:
+                    problems.append(error)
+            else:  # one value at least must give a scene; the points of others are rows with the reason
+                raise problems[0]
 
     @property
     def run_measures(self) -> list[Measure]:
@@ -208,15 +206,13 @@ class Specification:
         return digest(self.content)
 
     def tasks(self, part: str) -> list[Task]:
-        """The row of every point: axes, ``status``, ``reason`` and numbers; an exception is its reason."""
-        function: Callable[..., dict[str, Any]]
-        about: Any
-        if part == "map":
-            function, about = map_row, [measure.name for measure in self.run_measures]
-        else:
+        """The row of every point."""
+        numbers: Numbers = map_numbers
+        about: Any = [measure.name for measure in self.run_measures]
+        if part == THRESHOLD:
             amplitudes = [value for axis in self.axes if axis.key == AMPLITUDE for value in axis.values]
-            function, about = threshold_row, (min(amplitudes), max(amplitudes)) if amplitudes else None
-        return [Task(f"{part} {number}", function, (self.scene, self.run, about, point))
+            numbers, about = threshold_numbers, (min(amplitudes), max(amplitudes)) if amplitudes else None
+        return [Task(f"{part} {number}", point_row, (numbers, self.scene, self.run, about, point))
                 for number, point in enumerate(self.points(part))]
 
     def table(self, part: str, rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
@@ -229,48 +225,38 @@ class Specification:
         return pd.DataFrame(rows, columns=[*keys, *text, *numbers]).astype(types)
 
 
-def map_row(scene: Scene, run: SteadyRun, measures: Sequence[str], point: Mapping[str, float]) -> dict[str, Any]:
-    """The row of a point of the map, with the numbers of its run."""
-    chosen = [MEASURES[name] for name in measures]
-
-    def numbers() -> dict[str, Any]:
-        window = steady_window(vary(scene, point), run, chosen)
-        return {WINDOW_START: window.start, **{measure.column: measure.value(window) for measure in chosen}}
-
-    return _row(point, numbers)
-
-
-def threshold_row(scene: Scene, run: SteadyRun, search: tuple[float, float] | None,
-                  point: Mapping[str, float]) -> dict[str, Any]:
-    """The row of a point of the threshold, searched between two amplitudes (N), or around the scene's own."""
-    def numbers() -> dict[str, Any]:
-        varied = vary(scene, point)
-        low, high = search or sorted(factor * abs(varied.parameters[AMPLITUDE]) for factor in SEARCH)
-        step = run.step(varied)
-        accuracy = {"rtol": run.rtol} if step is None else {"dt": step}
-        if run.is_event_driven_reference:
-            given, arguments = varied, {**accuracy, "stabilization": "projection", "assemble": True}
-        else:
-            given, arguments = with_consistent_start(varied, assemble=True), {**accuracy, "fidelity": run.fidelity}
-        distance = REPEATS * run.rtol
-        found = measure_threshold(given, run.engine, arguments,
-                                  Search(low, high, BRACKET * (high - low), probes=PROBES), distance,
-                                  CONTRACTION * distance)
-        if found.with_stick is None or found.without_stick is None:
-            return {"status": "not found", "reason": found.remark}
-        return {THRESHOLD_COLUMN: 0.5 * (found.with_stick + found.without_stick), WITH_STICK: found.with_stick,
-                WITHOUT_STICK: found.without_stick}
-
-    return _row(point, numbers)
-
-
-def _row(point: Mapping[str, float], numbers: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+def point_row(numbers: Numbers, scene: Scene, run: SteadyRun, about: Any, point: Mapping[str, float]) -> dict[str, Any]:
+    """The row of a point: its axes, ``status``, ``reason`` and numbers; an exception is its reason."""
     try:
-        found = numbers()
+        found = numbers(vary(scene, point), run, about)
     except Exception as error:  # whatever it is, it concerns this point alone, and its row says so
         found = {"status": next(status for kind, status in FAILURES.items() if isinstance(error, kind)),
                  "reason": " ".join(f"{type(error).__name__}: {error}".split())}
     return {**point, "status": "ok", "reason": "", **found}
+
+
+def map_numbers(scene: Scene, run: SteadyRun, measures: Sequence[str]) -> dict[str, Any]:
+    """The numbers of a run."""
+    chosen = [MEASURES[name] for name in measures]
+    window = steady_window(scene, run, chosen)
+    return {WINDOW_START: window.start, **{measure.column: measure.value(window) for measure in chosen}}
+
+
+def threshold_numbers(scene: Scene, run: SteadyRun, search: tuple[float, float] | None) -> dict[str, Any]:
+    """The threshold, searched between two amplitudes (N), or around the scene's own."""
+    low, high = search or sorted(factor * abs(scene.parameters[AMPLITUDE]) for factor in SEARCH)
+    step, distance = run.step(scene), REPEATS * run.rtol
+    arguments: dict[str, Any] = {"rtol": run.rtol} if step is None else {"dt": step}
+    if run.is_event_driven_reference:
+        arguments |= {"stabilization": "projection", "assemble": True}
+    else:
+        scene, arguments["fidelity"] = with_consistent_start(scene, assemble=True), run.fidelity
+    found = measure_threshold(scene, run.engine, arguments, Search(low, high, BRACKET * (high - low), probes=PROBES),
+                              distance, CONTRACTION * distance)
+    if found.with_stick is None or found.without_stick is None:
+        return {"status": "not found", "reason": found.remark}
+    return {THRESHOLD_COLUMN: 0.5 * (found.with_stick + found.without_stick), WITH_STICK: found.with_stick,
+            WITHOUT_STICK: found.without_stick}
 
 
 @dataclass(frozen=True)

@@ -15,25 +15,19 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import brentq
 
 from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.measures.accuracy import WRONG, errors, graph, size_of, truth_graph
-from stiction.comparisons.measures.distances import hausdorff
+from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.scene_truth import truths_for
 from stiction.comparisons.methods import succeeded
 from stiction.comparisons.studies.study import Tables
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.timing.timed_runs import samples_table
-from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of
 from stiction.engines.isolation import Outcome, simulation
-from stiction.scenes import Scene, Trajectory
+from stiction.scenes import Scene
 
-SAFETY = 1.25
-"""Factor of the grid convergence index for three runs or more (Roache)."""
-ORDERS = (1e-3, 20.0)
-"""Between which an observed order is looked for; no method here exceeds 8."""
+POSITION, ORDER = "position error [m]", "order, position [-]"
 FLOOR = 100.0
 """Multiple of the truth's uncertainty below which errors are not differences of the method any more."""
 TOTAL, TOTAL_LOW, TOTAL_HIGH = "cpu [s]", "cpu [s], low", "cpu [s], high"
@@ -111,11 +105,7 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
         truths = truths_for(scene, records, t_end)
         for record, timing in zip(records, timings):
-            run, truth = record.trajectory, truths[record.key]
-            row = {**record.describe(), **cost_of(timing), **errors(run, truth, size)}
-            if row["status"] != WRONG and run is not None and len(run.t) > 1 and truth.tier != NO_TRUTH:
-                row |= _distances(run, truth)
-            yield row
+            yield {**record.describe(), **cost_of(timing), **errors(record.trajectory, truths[record.key], size)}
 
     runs = [TimedRun(physics_of(scene, has_static_coefficient(variant)), variant, step)
             for variant in variants for step in variant.ladder]
@@ -134,85 +124,14 @@ def cost_of(timing: Timing | None) -> dict[str, Any]:
             **{f"{name} [-]": count for name, count in cost.counters.items()}}
 
 
-def _distances(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
-    """Columns of other distances than the largest errors, and the functional of the grid convergence index.
-
-    These are means over the output instants (L1), and the Hausdorff distance of the graphs of the coordinate with the
-    largest error: time in seconds, values in units of their range, straight lines between the output instants. The
-    functional is x at the end, of the body that moves most along x in truth.
-    """
-    row: dict[str, Any] = {}
-    t, exact = trajectory.t, truth(trajectory.t)
-    for label, suffixes, unit in (("position", ("x", "y"), "m"), ("velocity", ("vx", "vy"), "m/s")):
-        size = {name: np.abs(trajectory[name] - exact[name]) for name in exact
-                if name.rpartition(".")[2] in suffixes and name in trajectory}
-        if not size:
-            continue
-        means = [float(np.trapezoid(error, t)) / (t[-1] - t[0]) for error in size.values()]
-        worst = max(size, key=lambda name: float(size[name].max()))
-        scale = float(np.ptp(exact[worst])) or 1.0
-        distance = hausdorff(graph(trajectory, worst), truth_graph(truth, worst, t), 1.0, scale)
-        row |= {f"{label} error, L1 mean [{unit}]": max(means), f"{label} Hausdorff distance [-]": distance.value,
-                f"{label} Hausdorff uncertainty [-]": distance.uncertainty}
-    name = max((column for column in exact if column.endswith(".x") and column in trajectory),
-               key=lambda column: float(np.ptp(exact[column])))
-    return row | {"functional": f"{name}(t_end)", "functional value [m]": float(trajectory[name][-1])}
-
-
 def _with_orders(table: pd.DataFrame) -> pd.DataFrame:
-    """Add observed orders between neighbouring steps; of three steps also Richardson extrapolation and GCI."""
-    new = ["order, position [-]", "order, functional [-]", "extrapolated [m]", "grid convergence index [m]"]
-    table = table.reindex(columns=[*table.columns, *new])
-    if "position error [m]" not in table:
+    """Add observed orders between neighbouring steps."""
+    table = table.assign(**{ORDER: np.nan})
+    if POSITION not in table:
         return table
     for _, series in table[succeeded(table) & (table["parameter"] == "dt")].groupby("variant", sort=False):
-        step, error, value = (series[name].to_numpy(dtype=float)
-                              for name in ("step", "position error [m]", "functional value [m]"))
-        floor = FLOOR * series["position uncertainty [m]"].to_numpy(dtype=float)
-        for i in range(1, len(series)):
-            if error[i] > floor[i] and error[i - 1] > 0:
-                order = np.log(error[i - 1] / error[i]) / np.log(step[i - 1] / step[i])
-                table.loc[series.index[i], new[0]] = order
-        for i in range(2, len(series)):
-            found = richardson(step[i - 2:i + 1], value[i - 2:i + 1])
-            if found is not None:
-                table.loc[series.index[i], new[1:]] = found.order, found.extrapolated, found.index
+        step, error, unsure = (series[name].to_numpy(float) for name in ("step", POSITION, "position uncertainty [m]"))
+        fine = 1 + np.flatnonzero((error[1:] > FLOOR * unsure[1:]) & (error[:-1] > 0))
+        ratio = np.log(error[fine - 1] / error[fine])
+        table.loc[series.index[fine], ORDER] = ratio / np.log(step[fine - 1] / step[fine])
     return table
-
-
-@dataclass(frozen=True)
-class Extrapolation:
-    """Observed order, extrapolated value, and the grid convergence index in the unit of the value."""
-
-    order: float
-    extrapolated: float
-    index: float
-
-
-def richardson(step: Sequence[float], value: Sequence[float]) -> Extrapolation | None:
-    """Extrapolate from three steps, coarse to fine, with any ratios.
-
-    With e32 = coarse - medium, e21 = medium - fine, r21 and r32 the ratios of the steps, the order p solves
-    e32/e21 = r21^p (r32^p - 1)/(r21^p - 1), which is Celik et al. 2008, eq. 3, for steps that differ in one direction.
-    The right side increases with p, so that there is one root or none. The index is SAFETY |e21|/(r21^p - 1).
-
-    Returns
-    -------
-    Extrapolation or None
-        None if values are equal, change in opposite directions, or have no order within `ORDERS`.
-    """
-    (h3, h2, h1), (f3, f2, f1) = step, value
-    e32, e21 = f3 - f2, f2 - f1
-    if e21 == 0 or e32 / e21 <= 0:
-        return None
-    r21, r32 = h2 / h1, h3 / h2
-
-    def excess(p: float) -> float:
-        return p * np.log(r21) + np.log(np.expm1(p * np.log(r32)) / np.expm1(p * np.log(r21))) - np.log(e32 / e21)
-
-    low, high = ORDERS
-    if not excess(low) < 0 < excess(high):
-        return None
-    p = float(brentq(excess, low, high, xtol=1e-12))
-    ratio = r21 ** p - 1
-    return Extrapolation(p, float(f1 - e21 / ratio), float(SAFETY * abs(e21) / ratio))

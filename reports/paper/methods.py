@@ -20,8 +20,7 @@ METHOD = ("The reference implementation follows Zhuang and Wang [@zhuang2014]: r
           "bilateral constraints with multipliers, and set-valued Coulomb friction in the translational joints, whose "
           "corner forces and accelerations satisfy a horizontal linear complementarity problem that Lemke's method "
           "[@lemke1965; @cottle1992] solves.")
-ORDERS = ("Observed orders and grid convergence indices follow Celik et al. [@celik2008]; CPU times are medians of "
-          "runs made one at a time, without set-up, compiling or output.")
+TIMES = "CPU times are medians of runs made one at a time, without set-up, compiling or output."
 
 
 def methods(run: StoredRun, results: Results) -> list[str]:
@@ -33,7 +32,7 @@ def methods(run: StoredRun, results: Results) -> list[str]:
                 "of the settings of each variant.")
     return [" ".join(sentences) for sentences in (
         (METHOD, *_integration(own)),
-        (*([compared] if others else []), *_truth(tables), *([ORDERS] if len(tables.get("cost", ())) else [])),
+        (*([compared] if others else []), *_truth(tables), *([TIMES] if len(tables.get("cost", ())) else [])),
         (_campaign(results, origin), _machine(origin),
          f"What the paper leaves open: {'; '.join(f'{name}: {text}' for name, text in origin['choices'].items())}."))]
 

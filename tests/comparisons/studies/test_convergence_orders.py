@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from stiction.comparisons.studies.convergence_orders import FEWEST, observed_order, orders_comparison
+from stiction.comparisons.studies.convergence_orders import FEWEST, observed_order, plan
+from stiction.comparisons.studies.study import Scope
 from stiction.scenes import load_scene
 
 STEP = 0.1 * 2.0 ** -np.arange(6)
@@ -40,7 +41,7 @@ def test_a_dash_has_its_reason(error, why):
 
 def test_orders_of_the_reference(in_this_process):
     """8 between events, 4 between events, 1 across a break-away, within their intervals, which say something."""
-    table = orders_comparison(load_scene("slider-bar-case-1")).make().drop_duplicates("method")
+    table = plan(Scope((load_scene("slider-bar-case-1"),))).make().tables["orders"].drop_duplicates("method")
     assert list(table["order of the method [-]"]) == [8, 4, 1]
     for row in table.to_dict("records"):
         order, half = row["order of the method [-]"], row["interval of the order [-]"]

@@ -9,9 +9,9 @@ from conftest import here
 
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies import drift_suppression, effects
-from stiction.comparisons.studies.drift_suppression import suppression_comparison
 from stiction.comparisons.studies.effects import (BASELINE, HIGH, LEFT_OUT, LOW, MOTION, PAIRS, RATIO, REFERENCE,
                                                   effects_comparison, effects_variants, toggles)
+from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
@@ -95,7 +95,8 @@ def test_a_failed_run_is_a_row_with_its_reason(table):
 
 
 def test_drift_suppression_is_a_choice_with_a_price(in_this_process):
-    found = suppression_comparison(load_scene(CASE), t_end=2.0, repeats=1).make().table.set_index(["variant", "step"])
+    made = drift_suppression.plan(Scope((load_scene(CASE),), t_end=2.0, repeats=1)).make()
+    found = made.tables["suppression"].set_index(["variant", "step"])
     assert (found["status"] == "ok").all()
     assert ((found["projections [-]"] > 0) == (found["suppression"] == "projection")).all()
     # projection to 1e-15 m after each step, read at the steps themselves; without it the residual is the method's error

@@ -336,7 +336,7 @@ def test_the_time_of_a_setting_is_the_median_of_repeats(monkeypatch, compiled):
     assert {task.args[-1] for task in tasks if task.function is measured and ": " not in task.label} == {False}
 
 
-@pytest.mark.parametrize("subject", load_data().subjects, ids=lambda subject: subject.label)
+@pytest.mark.parametrize("subject", load_data()["subjects"], ids=lambda subject: subject.label)
 def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(subject):
     engine = installed(subject.engine)
     scene = loaded(load_scene("hold-level"), HELD, 0.5, False)

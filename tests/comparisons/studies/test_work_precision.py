@@ -1,43 +1,22 @@
-"""Orders and extrapolation, on series whose answer is known."""
+"""Orders, on series whose answer is known."""
 
 import numpy as np
 import pandas as pd
 import pytest
 from conftest import here
-from hypothesis import assume, given
-from hypothesis import strategies as st
 
 from stiction.comparisons.campaigns.participants import cost_variants
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies import cost
 from stiction.comparisons.studies.equal_error import SMALLEST, equal_error
-from stiction.comparisons.studies.work_precision import HIGH, LOW, SAFETY, richardson, work_precision
+from stiction.comparisons.studies.work_precision import HIGH, LOW, work_precision
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import OWN_CPU, Variant, fastest_period, scaled, time_factor
 from stiction.scenes import load_scene, scene_from_dict
 
 CASE = "slider-bar-case-1"
 PAPER = {"method": "paper", "stabilization": "none"}
-
-
-@given(st.floats(-1, 1), st.floats(0.1, 10), st.sampled_from((-1, 1)), st.floats(0.5, 8), st.floats(1.2, 5), st.floats(1.2, 5))
-def test_richardson_finds_the_order_of_any_series_with_one_term_of_error(exact, constant, sign, order, fine, coarse):
-    steps = np.array([fine * coarse, fine, 1.0])
-    values = exact + sign * constant * (steps / steps[0]) ** order
-    rounding = 8 * np.finfo(float).eps * np.max(np.abs(values)) / abs(values[1] - values[2])
-    assume(rounding < 1e-8)
-    found = richardson(steps, values)
-    # d ln(e32/e21)/dp lies between ln r21 and ln r32, so that an error of the ratio moves p by no more than that over the smaller
-    assert found.order == pytest.approx(order, abs=4 * rounding / np.log(min(fine, coarse)) + 1e-9)
-    error = values[2] - exact
-    assert found.extrapolated == pytest.approx(exact, abs=1e-5 * abs(error) + 1e-12)
-    assert found.index == pytest.approx(SAFETY * abs(error), rel=1e-5, abs=1e-12)
-
-
-@pytest.mark.parametrize("values", [(1.0, 1.0, 1.0), (1.0, 2.0, 1.5), (1.0, 2.0, 2.0), (0.0, 1.0, 2.0), (0.0, 1.0, 3.0)])
-def test_richardson_has_no_answer_for_values_that_do_not_converge(values):
-    assert richardson((4.0, 2.0, 1.0), values) is None
 
 
 def test_longer_series_have_each_step_once():
@@ -73,10 +52,6 @@ def test_paper_scheme_is_of_first_order_across_a_break_away(in_this_process):
     steps = tuple(instant / (n + 0.5) for n in (10, 31, 94))
     table = work_precision(scene, [Variant("paper", "reference", "dt", steps, settings=PAPER)], t_end=42 * steps[0], repeats=1).make().table
     assert table["order, position [-]"].dropna().to_numpy() == pytest.approx([1.0, 1.0], abs=0.1)
-    found = table.iloc[-1]
-    assert found["order, functional [-]"] == pytest.approx(1.0, abs=0.1)
-    # the index is an uncertainty: it must cover the error that it estimates
-    assert abs(found["extrapolated [m]"] - found["functional value [m]"]) <= found["grid convergence index [m]"]
 
 
 def test_failures_are_rows_with_their_reason_and_costs_are_apart(smooth):

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.campaigns.comparison import Comparison, make
-from stiction.comparisons.studies.drift_suppression import suppression_comparison
+from stiction.comparisons.studies import drift_suppression
+from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import LEVEL, TIMING, work_precision
 from stiction.comparisons.timing import rounds
 from stiction.comparisons.timing.intervals import median_interval, ratio_interval
@@ -161,11 +162,11 @@ def test_one_time_in_all_tables(in_this_process):
     counted = []
     cost, suppression, untimed = make(
         [work_precision(scene, [shared, broken], t_end=0.5, repeats=2),
-         suppression_comparison(scene, t_end=0.5, repeats=1),
+         drift_suppression.plan(Scope((scene,), t_end=0.5, repeats=1)),
          Comparison(tuple(bare), lambda outcomes: [outcome.value.cost for outcome in outcomes])],
          on_result=counted.append)
     rows = cost.table.set_index("variant")
-    other = suppression.table.set_index(["variant", "step"]).loc[("event-driven, projection", 1e-6)]
+    other = suppression.tables["suppression"].set_index(["variant", "step"]).loc[("event-driven, projection", 1e-6)]
     columns = ["cpu [s]", OWN_CPU, "set-up [s]"]
     times = [untimed[0].stepping_s, untimed[0].own_s, untimed[0].setup_s]
     assert list(rows.loc["mine", columns]) == list(other[columns]) == times

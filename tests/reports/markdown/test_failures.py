@@ -6,9 +6,10 @@ import pandas as pd
 import pytest
 
 from stiction.comparisons.presentation.cells import setting_of
-from stiction.comparisons.studies.convergence_orders import METHODS, orders_comparison
+from stiction.comparisons.studies.convergence_orders import METHODS, plan
 from stiction.comparisons.studies.paper_claims import CHOICES, claims_comparison, sensitivity_comparison
 from stiction.comparisons.studies.stabilization_drift import drift_study_comparison
+from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.truth import StickThreshold
 from stiction.engines import Outcome
 from stiction.reports.markdown.failures import failed_runs, grouped
@@ -20,11 +21,11 @@ WORDS = "no result within 240 s"
 
 def lost_tables() -> dict[str, pd.DataFrame]:
     """The tables of comparisons none of whose runs came out."""
-    comparisons = {"study": drift_study_comparison(CASES), "orders": orders_comparison(CASES[1]), "sensitivity": sensitivity_comparison(CASES),
+    comparisons = {"study": drift_study_comparison(CASES), "orders": plan(Scope((CASES[1],))), "sensitivity": sensitivity_comparison(CASES),
                    "claims": claims_comparison(CASES, StickThreshold(4.2, 1e-9, (4.1, 4.3)))}
     tables = {name: comparison.tabulate([Outcome(task.label, "timed out", reason=WORDS) for task in comparison.tasks])
               for name, comparison in comparisons.items()}
-    return {**tables, "study": tables["study"].tables["study"]}
+    return {**tables, **{name: tables[name].tables[name] for name in ("study", "orders")}}
 
 
 @pytest.mark.parametrize("name, count", [("study", None), ("orders", len(METHODS)), ("sensitivity", len(CHOICES)), ("claims", None)])

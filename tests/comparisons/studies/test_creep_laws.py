@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stiction.comparisons.measures.creep_laws import convex_contact, linear_zone, near_rigid_friction, soft_norm
+from stiction.comparisons.studies.hold import FORMS
 from stiction.engines import load_engine
 from stiction.scenes import scene_from_dict
 
@@ -12,6 +12,25 @@ BOUND, CONTACTS = MU * MASS * G, 2
 PARTS = [0.1, 0.5, 0.9]
 ROUND = 1e-5
 """Of the creep: contacts settle within some hundredths of a second by their own damping, and half a second is left for it."""
+linear_zone, soft_norm = FORMS["linear_zone"], FORMS["soft_norm"]
+
+
+def near_rigid_friction(load, contacts, inverse_mass, step):
+    """1e-3 w h F/n: Drake's "sap" contacts, in discrete steps the soft norm's e of the bound if that is more.
+
+    Friction is regularized by R = 1e-3 w, v = R times the impulse h F/n of one of n contacts, w = |W|/3 with W the 3 x 3 block of
+    J M^-1 J' (Castro, Permenter & Han 2022, "An unconstrained convex formulation of compliant contact", Sec. V).
+    """
+    return 1e-3 * inverse_mass * step * load / contacts
+
+
+def convex_contact(load, contacts, inverse_mass, impedance, damping, impratio):
+    """(1/d - 1) a F/(n b r): MuJoCo's contacts with elliptic cones.
+
+    The law is x = accel - aref + R f, and zero inside of the cone, with aref = -b v and R = (1/d - 1) a/r across the normal (manual,
+    "Constraint model": solver parameters, ``impratio``). At rest accel = 0, and n contacts share F. a is J M^-1 J' along the normal.
+    """
+    return (1.0 / impedance - 1.0) * inverse_mass * load / (contacts * damping * impratio)
 
 
 def creep(name, part, *, mu=MU, dt=STEP, t_end=0.5, **settings):

@@ -5,10 +5,11 @@ from stiction.comparisons.presentation.charts import (BETTER, CHOSEN, LIMIT, OTH
 from stiction.comparisons.presentation.presentation import ANSWER_LENGTH, Headline, Presentation
 from stiction.comparisons.presentation.table_view import Column, TableView, view
 from stiction.comparisons.presentation.traced_text import (COUNT, NAME, RATIO, VALUE, Number, Part, TracedText, count,
-                                                           interval, joined, length, listed, ratio, scaled_value,
-                                                           sentence, short, traced, value)
+                                                           interval, joined, length, listed, scaled_value, sentence,
+                                                           short, traced, value, within)
 
 __all__ = ["ANSWER_LENGTH", "BETTER", "CHOSEN", "COUNT", "LIMIT", "NAME", "OTHER", "RATIO", "TRUTH", "VALUE", "Axis",
            "Chart", "Column", "Figure", "Headline", "HeatMap", "MechanismPicture", "Number", "Panel", "Part",
            "Presentation", "Series", "TableView", "TracedText", "count", "interval", "joined", "length", "listed",
-           "ratio", "scaled_value", "sentence", "short", "traced", "value", "view"]
+           "scaled_value", "sentence", "short", "traced", "value", "view",
+           "within"]

@@ -145,9 +145,7 @@ def count(table: str, rows: pd.DataFrame, **where: object) -> Number:
     return Number(str(len(found)), table, "", COUNT, where=where)
 
 
-def ratio(table: str, rows: pd.DataFrame, over: int, under: int, column: str, low: str, high: str) -> Number:
-    """Return the cell of one row over that of another, in brackets the interval from the ends of both intervals."""
-    first, second = rows.loc[over], rows.loc[under]
-    ends = first[low] / second[high], first[high] / second[low]
-    text = f"{short(first[column] / second[column])} ({short(ends[0])} to {short(ends[1])})"
-    return Number(text, table, column, RATIO, (over + 1, under + 1))
+def within(table: str, rows: pd.DataFrame, label: int, column: str, low: str, high: str) -> Number:
+    """Return the cell of a row, and in brackets the ends of its interval, which other columns have."""
+    first, *ends = (short(rows.at[label, name], ".3g") for name in (column, low, high))
+    return Number(f"{first} ({' to '.join(ends)})", table, column, rows=(label + 1,))

@@ -166,7 +166,7 @@ def test_one_time_in_all_tables(in_this_process):
          Comparison(tuple(bare), lambda outcomes: [outcome.value.cost for outcome in outcomes])],
          on_result=counted.append)
     rows = cost.table.set_index("variant")
-    other = suppression.tables["suppression"].set_index(["variant", "step"]).loc[("event-driven, projection", 1e-6)]
+    other = suppression.tables["suppression"].set_index(["variant", "step"]).loc[("reference, projection", 1e-6)]
     columns = ["cpu [s]", OWN_CPU, "set-up [s]"]
     times = [untimed[0].stepping_s, untimed[0].own_s, untimed[0].setup_s]
     assert list(rows.loc["mine", columns]) == list(other[columns]) == times

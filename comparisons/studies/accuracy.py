@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -177,7 +178,7 @@ def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method
             for run in runs.drop(index=method.failed.index).to_dict("records"):
                 row |= {_of(column, run["scene"]): run[column] for column in (POSITION, UNCERTAINTY)}
             if runs[FOUND].notna().any():
-                row[EVENTS] = "/".join(f"{runs[column].sum():.0f}" for column in (FOUND, MISSED, SPURIOUS))
+                row[EVENTS] = _events(runs, results.truths)
                 row[BY_KIND] = missed_by_kind(runs)
             row["failed"] = "; ".join(f"{case_of(run['scene'])}: {run['reason'] or run['status']}"
                                       for run in method.failed.to_dict("records"))
@@ -188,11 +189,21 @@ def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method
                Column(BY_KIND, brief=False), Column("failed"))
     return view("accuracy", "Largest position error of each method at the step nearest to 1 ms or the tightest "
                 "tolerance. Friction / events by: who supplies the friction law, and who locates events. "
-                "Events: found/missed/spurious, of all cases.", rows, columns, source="accuracy", group="group")
+                "Events: found/missed/spurious, of all cases, of the kinds that a method reports.", rows, columns,
+                source="accuracy", group="group")
 
 
 def _of(column: str, scene: str) -> str:
     return f"{column}, {case_of(scene)}"
+
+
+def _events(runs: pd.DataFrame, truths: Mapping[str, Truth]) -> str:
+    """``51/0/0; no corner``: found, missed and spurious events of the kinds that a method reports, and the others."""
+    true = Counter(event.kind for name in runs["truth"] if name in truths for event in truths[name].events)
+    lost = {kind: int(runs[missed(kind)].sum()) for kind in KINDS if missed(kind) in runs}
+    never = [kind for kind, number in lost.items() if number and number == true[kind]]
+    counts = (runs[FOUND].sum(), runs[MISSED].sum() - sum(lost[kind] for kind in never), runs[SPURIOUS].sum())
+    return "; no ".join(["/".join(f"{number:.0f}" for number in counts), *never])
 
 
 def missed_by_kind(rows: pd.DataFrame) -> str:

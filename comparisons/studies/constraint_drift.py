@@ -80,9 +80,10 @@ def present(results: Results) -> Presentation:
              Column("velocity drift, end [m/s]", "velocity drift, end", "m/s"), Column("growth"),
              Column(EXPONENT, "power of time", uncertainty=INTERVAL, interval=True), Column("status"), Column("reason"))
     all_runs = view("drift-all", "Drift of every run.", table, every, source="drift", in_report=False)
-    notes = ["Drift is the norm of the residuals of the constraints, gaps in m and angles in rad together, or of their "
-             f"rates; 0 is below {ROUNDING:g} m, rad or m/s, which rounding makes. With contacts it holds what they "
-             "penetrate."]
+    notes = ["Drift is the norm of the residuals of the constraints, gaps in m and angles in rad together, or of "
+             f"their rates. Values below {ROUNDING:g} are rounding and print as 0. With contacts, drift includes "
+             "penetration.",
+             "Bounded: an offset that does not grow with time."]
     trees = runs[(runs["fidelity"] == "joint") & runs.get(JOINT_COORDINATES, False)]
     if len(trees):
         names = ", ".join(called(variant) for variant in trees["variant"].unique())
@@ -108,19 +109,22 @@ def _answer(table: pd.DataFrame, measured: pd.DataFrame, worst: pd.DataFrame) ->
     """The largest drift of each fidelity, and that of the paper's scheme."""
     parts = []
     for fidelity, place in (("joint", "at joints"), ("contact", "at contacts")):
-        there = measured[measured["fidelity"] == fidelity]
-        if len(there):
-            rows = [int(there[column].idxmax()) for column in (POSITION, VELOCITY)]
-            first, second = (called(table.at[row, "variant"], False) for row in rows)
-            position, velocity = (drift_size("drift", table, row, column)
-                                  for row, column in zip(rows, (POSITION, VELOCITY)))
-            parts.append(traced("{} m and {} m/s {} ({})", position, velocity, place, first) if first == second else
-                         traced("{} m ({}) and {} m/s ({}) {}", position, first, velocity, second, place))
-    answer = traced("Methods drift by at most {}.", listed(parts, last=", "))
+        there = worst[worst.index.isin(measured.loc[measured["fidelity"] == fidelity, "variant"])]
+        if there.empty:
+            continue
+        position, velocity = ({variant: drift_size("drift", table, int(row), column) for variant, row in
+                               there[column].sort_values(key=lambda rows, column=column: -table.loc[rows, column].array,
+                                                         kind="stable").items()} for column in (POSITION, VELOCITY))
+        first, second = (", ".join(called(variant, False) for variant, number in sizes.items()
+                                   if number.text == next(iter(sizes.values())).text) for sizes in (position, velocity))
+        bounded = "; bounded" if table.at[there.at[next(iter(position)), POSITION], "growth"] == BOUNDED else ""
+        sizes = (next(iter(position.values())), next(iter(velocity.values())))
+        parts.append(traced("{} m and {} m/s {} ({}{})", *sizes, place, first, bounded) if first == second else
+                     traced("{} m ({}{}) and {} m/s ({}) {}", sizes[0], first, bounded, sizes[1], second, place))
     if "paper's scheme" in worst.index:
         scheme = drift_size("drift", table, int(worst.at["paper's scheme", POSITION]), POSITION)
-        answer = traced("{} The paper's scheme: {} m.", answer, scheme)
-    return answer
+        parts.append(traced("paper's scheme {} m", scheme))
+    return traced("At most {}.", listed(parts, "; ", "; "))
 
 
 def _growth(table: pd.DataFrame, measured: pd.DataFrame) -> TracedText:
@@ -142,8 +146,10 @@ def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> 
         position, velocity = (table.loc[worst.at[variant, column]] for column in (POSITION, VELOCITY))
         rows.append(({"variant": variant, "fidelity": position["fidelity"],
                       "cases": f"{there[POSITION].notna().sum()} of {len(there)}", POSITION: position[POSITION],
-                      "position in": case_of(position["scene"]), VELOCITY: velocity[VELOCITY],
-                      "velocity in": case_of(velocity["scene"]), "growth": _law(position)}, there))
+                      "position in": case_of(position["scene"]) if position[POSITION] else "",
+                      VELOCITY: velocity[VELOCITY],
+                      "velocity in": case_of(velocity["scene"]) if velocity[VELOCITY] else "",
+                      "growth": _law(position)}, there))
     columns = (Column("variant", "method"), Column("fidelity"),
                Column("cases", "cases measured", brief=bool(runs[POSITION].isna().any())),
                Column(POSITION, "drift", "m, rad"), Column("position in", "in"),

@@ -360,7 +360,7 @@ def present(results: Results) -> Presentation:
     stretches = [str(column) for column in table if str(column).startswith(MARGIN)]
     rarest["margins"] = ["; ".join(f"{name.removeprefix(MARGIN)}: {row[name]:.2g}" for name in stretches
                                    if pd.notna(row[name])) for row in rarest.to_dict("records")]
-    short = (Column("case"), Column("verdict"), Column("claim", "statement"))
+    short = (Column("case"), Column("verdict"), Column("claim", "statement"), Column("why"))
     columns = (*short, Column("place", "where"), Column("margins"), Column("run needed [s]", "run needed"),
                Column("step needed [s]", "step needed"))
     tables = [view("claims-open", "The paper's statements about its example (Sect. 5) that do not simply hold.",

@@ -15,6 +15,7 @@ from stiction.comparisons.measures.settling import MOST_PERIODS, SETTLED, NotSet
 from stiction.comparisons.methods import MISSING_ENGINE, called, with_columns
 from stiction.comparisons.presentation import (Axis, Chart, Column, Headline, Number, Panel, Presentation, Series,
                                                TracedText, interval, listed, sentence, traced, view)
+from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.proof.theorems import with_theorem
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -314,7 +315,7 @@ def present(results: Results) -> Presentation:
     table = results.table("threshold")
     if table.empty or ERROR not in table or table[ERROR].isna().all():
         return Presentation()
-    table = with_columns(table, CHANGE)
+    table = with_columns(table, CHANGE).assign(setting=list(map(setting_of, table["parameter"], table["step"])))
     measured = table[table[ERROR].notna()]
     finest = measured.loc[measured.groupby("variant", sort=False)["step"].idxmin()]
     off = {variant: interval("threshold", table, int(row), ERROR) for row, variant in finest["variant"].items()}
@@ -337,7 +338,7 @@ def present(results: Results) -> Presentation:
                  for row in proven.to_dict("records") if "lies between" in (text := row["theorem"])]
     headline = Headline("stick limit off [N]", {variant: traced("{}", number) for variant, number in off.items()})
     columns = (Column("variant", "method"), Column("fidelity"), Column("mus", form="g"),
-               Column("parameter", "refined by", brief=False), Column("step", form="g"),
+               Column("setting"),
                Column(WITH_STICK, "sticks at", "N", form=".6g", brief=False),
                Column(WITHOUT_STICK, "slips at", "N", form=".6g", brief=False),
                Column(ERROR, "F0 less truth", "N", UNCERTAINTY, interval=True), Column("runs", brief=False),

@@ -277,7 +277,7 @@ def test_presentation():
             [RIGHT], [DECLINED], [DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE], [DEGRADED], [WRONG, FAILED]))
     assert counts(results) == expected and len(expected) == 3
     said = present(results)
-    assert said.answer.text.startswith(f"Right/declined/not judged/degraded/wrong of {table['case'].nunique()} mechanical cases: the reference {expected['reference']}")
+    assert said.answer.text == "Wrong/judged of 2 cases: the reference 0/2; joints: trial and error 0/1 to Moreau 2/2."
     assert any(f"Hostile files are {hostile['case'].nunique()} more" in note for note in said.notes)
     [heat] = said.figures
     wide = table.pivot(index="case", columns="variant", values="verdict")

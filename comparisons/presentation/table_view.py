@@ -96,7 +96,8 @@ class TableView:
     rows : tuple of tuple of int
         Numbers, from 1, of the rows of `source` behind each row.
     group : str
-        Column of the frame whose value stands as a heading above rows that share it; none if empty.
+        Column of the frame whose value stands as a heading above rows that share it, or first in each row; none if
+        empty.
     in_report : bool
         True if it stands in the report and in print; the page and the folder of tables have all.
     """
@@ -111,8 +112,10 @@ class TableView:
     in_report: bool = True
 
     def shown(self, brief: bool = False) -> list[Column]:
-        """The columns that hold anything; `brief`: those of the report alone."""
-        return [column for column in self.columns if (column.brief or not brief) and column.name in self.frame
+        """The columns that hold anything; `brief`: those of the report alone, which has groups as headings of rows."""
+        first = (Column(self.group),) if self.group and not brief else ()
+        return [column for column in (*first, *self.columns)
+                if (column.brief or not brief) and column.name in self.frame
                 and not all(is_missing(value) for value in self.frame[column.name])]
 
     def heads(self, brief: bool = False) -> list[str]:

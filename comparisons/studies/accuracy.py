@@ -16,7 +16,7 @@ from stiction.comparisons.measures.accuracy import EVENT_WINDOW, KINDS, TORQUE_E
 from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.comparisons.methods import (Method, called, case_of, drawn_runs, grouped_methods, groups, known_of,
                                           made_methods, methods, same_work, title_of, with_columns)
-from stiction.comparisons.presentation import (LIMIT, NAME, Axis, Chart, Column, Headline, Number, Panel, Presentation,
+from stiction.comparisons.presentation import (LIMIT, Axis, Chart, Column, Headline, Number, Panel, Presentation,
                                                Series, TableView, TracedText, count, joined, length, listed, sentence,
                                                traced, value, view)
 from stiction.comparisons.presentation.cells import setting_of
@@ -88,10 +88,10 @@ def present(results: Results) -> Presentation:
                            "has them.", table, list(found), POSITION, "position error [m]")
     return Presentation(
         answer or TracedText(f"No method succeeded{where}."),
-        [*_closest(results, table, found),
-         sentence("Runs that failed or were declined, so that the method is not ranked: {}.", listed(failed))],
+        [sentence("Runs that failed or were declined, so that the method is not ranked: {}.", listed(failed))],
         [Headline("position [m]", {variant: _cell(table, method) for variant, method in found.items()})],
-        [_by_method(results, table, found), *_by_scene(table)], [over_step, *_differences(results, table)], NOTES)
+        [_by_method(results, table, found), *_closest(results, table, found), *_by_scene(table)],
+        [over_step, *_differences(results, table)], NOTES)
 
 
 def _reached(table: pd.DataFrame, method: Method) -> TracedText:
@@ -121,27 +121,26 @@ def _engines(table: pd.DataFrame, engines: Sequence[Method]) -> TracedText:
     return sentence("Engines: {}.", listed(parts, ", ", ", "))
 
 
-def _closest(results: Results, table: pd.DataFrame, found: Mapping[str, Method]) -> Iterator[TracedText]:
+def _closest(results: Results, table: pd.DataFrame, found: Mapping[str, Method]) -> Iterator[TableView]:
     """The closest engine of each group of equal work, in its worst case, and those that cannot be ranked against it."""
+    suppliers, rows = {column: known_of(table, column) for column in (FRICTION_BY, EVENTS_BY)}, []
     for name, variants_there in grouped_methods(results, same_work):
         others = [method for variant in variants_there if (method := found.get(variant))
                   and method.is_ranked and not method.is_own]
         others.sort(key=lambda method: table.at[method.worst_row, POSITION])
         if not others:
             continue
-        best = [method for method in others if not differ(table, others[0].worst_row, method.worst_row)]
-        row, reached = best[0].worst_row, _reached(table, best[0])
-        if table["scene"].nunique() > 1:
-            case = Number(case_of(table.at[row, "scene"]), "accuracy", "scene", NAME, (row + 1,))
-            reached = traced("{} in {}", reached, case)
-        names = listed([called(method.variant, fidelity=False) for method in best])
-        heading = name[:1].upper() + name[1:]
-        if len(others) == 1:
-            yield traced("{}: {}, {}.", heading, names, reached)
-        else:
-            runs = pd.concat([method.rows for method in others])
-            number = _count(table, runs[runs["scene"] == table.at[row, "scene"]])
-            yield traced("{}: the closest of {} is {}, {}.", heading, number, names, reached)
+        row = others[0].worst_row
+        best = [method.variant for method in others if not differ(table, row, method.worst_row)]
+        rows.append(({"group": name.partition(";")[0], "closest": ", ".join(called(variant, False) for variant in best),
+                      "of": len(others), **{column: known[best[0]] for column, known in suppliers.items()},
+                      **table.loc[row, [POSITION, UNCERTAINTY]], "in": case_of(table.at[row, "scene"])},
+                     table.loc[[row]]))
+    if rows:
+        yield view("accuracy-closest", "The closest of the engines that may be ranked, as they do the same part of the "
+                   "work, each by its worst case; with it those that its error cannot be distinguished from.", rows,
+                   (Column("closest"), Column("of"), Column(FRICTION_BY), Column(EVENTS_BY),
+                    Column(POSITION, "position error"), Column("in")), source="accuracy", group="group")
 
 
 def differ(table: pd.DataFrame, one: int, other: int) -> bool:

@@ -94,7 +94,7 @@ def test_tables_have_totals_with_the_engines_part_and_no_engine_that_is_not_inst
     shown = said(material())
     tables = {table.name: table for table in shown.tables}
     assert list(tables) == ["cost", f"cost-{CASES[1]}", f"cost-{CASES[2]}", "cost-limits", "cost-all"]
-    row = dict(zip(tables["cost"].heads(), next(cells for cells in tables["cost"].cells() if cells[0] == "pymunk")))
+    row = dict(zip(tables["cost"].heads(brief=True), next(cells for cells in tables["cost"].cells(brief=True) if cells[0] == "pymunk")))
     assert row["10 mm [ms]"] == "≤ 30 (15)" and row["1 mm [ms]"] == "150 (75)" and row["0.1 mm [ms]"] == "–"
     assert not any("not there" in cells for table in shown.tables for cells in map(tuple, table.cells()))
 
@@ -121,14 +121,14 @@ def test_a_time_with_a_wide_interval_is_marked_where_it_stands(part, mark):
     shown = said(tables)
     assert "up to 0.5 cores busy" in sentences(shown) and not wrong_numbers(shown, Results((), {}, tables))
     assert cells(shown)["reference"] == f"≤ {mark}10" and cells(shown)["pymunk"] == f"{mark}150 (75)"
-    assert dict((row[0], row[2]) for row in shown.tables[0].cells())["pymunk"] == f"{mark}150 (75)"
+    assert dict((row[0], row[2]) for row in shown.tables[0].cells(brief=True))["pymunk"] == f"{mark}150 (75)"
 
 
 def test_errors_below_the_uncertainty_of_the_truth_have_a_bound():
     """The reference is at 5e-6 m; of a truth that is known to 2e-5 m, its time to 1e-5 m is at least that to 1e-4 m."""
     cost = material()["cost"].assign(**{"position uncertainty [m]": 2e-5})
     first, *_ = said({"cost": cost, "equal-error": equal_error(cost, times_of(cost))}).tables
-    cells = {row[0]: row[1:] for row in first.cells()}
+    cells = {row[0]: row[1:] for row in first.cells(brief=True)}
     assert cells["reference"] == ["≤ 10", "≤ 10", "≤ 10", "≥ 10", "≥ 10"]
     assert cells["pymunk"][1:3] == ["150 (75)", "–"]
 
@@ -154,7 +154,7 @@ def test_bounds_stay_bounds_when_they_are_rounded():
     tables = {"cost": cost, "equal-error": equal_error(cost, times_of(cost))}
     shown = said(tables)
     assert cells(shown)["reference"] == "≤ 11" and cells(shown)["slow"] == "> 490"
-    assert dict((row[0], row[1]) for row in shown.tables[0].cells())["reference"] == "≤ 11"
+    assert dict((row[0], row[1]) for row in shown.tables[0].cells(brief=True))["reference"] == "≤ 11"
     assert not wrong_numbers(shown, Results((), {}, tables))
 
 

@@ -22,6 +22,7 @@ from stiction.comparisons.studies.accuracy import compared_runs
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import Record
+from stiction.engines.protocol import FIDELITIES
 from stiction.engines.registry import EngineMissing, UnknownEngine, load_engine
 from stiction.engines.shared.tree_engine import TreeEngine
 
@@ -167,16 +168,19 @@ def _law(run: pd.Series) -> str:
 
 
 def _figures(results: Results, chosen: Sequence[str]) -> list[Chart]:
-    """Drift of every method over time: position above, velocity below, a column a case."""
+    """Drift of every method over time: position above, velocity below, a row a fidelity, a column a case."""
     made = [record for record in results.records if record.trajectory is not None and record.variant.label in chosen]
     scenes = list(dict.fromkeys(record.scene for record in made))
     if not scenes:
         return []
-    panels = [_panel(one_per_variant(record for record in made if record.scene == scene), name, title_of(scene), label)
+    panels = [_panel(one_per_variant(record for record in made if record.scene == scene
+                                     and record.variant.fidelity == fidelity), name, title_of(scene),
+                     f"{fidelity}s: {label}")
               for name, label in (("drift.position", "drift [m, rad]"), ("drift.velocity", "velocity drift [m/s]"))
+              for fidelity in FIDELITIES if any(record.variant.fidelity == fidelity for record in made)
               for scene in scenes]
     caption = (f"Drift of every method over time, the largest in each of {PIECES} pieces: of position above, of "
-               "velocity below. A method may be low in one and high in the other. "
+               "velocity below, joints and contacts apart. A method may be low in one and high in the other. "
                f"Dotted: {ROUNDING:g}, below which it is rounding.")
     return [Chart("drift-engines", caption, panels, columns=len(scenes), share_x=True, share_y=True)]
 

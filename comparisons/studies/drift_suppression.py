@@ -86,7 +86,7 @@ def present(results: Results) -> Presentation:
     for run in rows:
         way = "the reference" if run[0] == "rtol" else "the paper's scheme"
         left = [traced("{} m with {}", drift_with(run, choice), CHOICES[choice]) for choice in rows[run]]
-        findings.append(traced("At {}, {} drifts by {}.", setting_of(*run), way, listed(left)))
+        findings.append(traced("At {}, {} drifts by {}.", setting_of(*run), way, listed(left, last=", ")))
     for run in measured.groupby("parameter", sort=False)["step"].min().items():
         if run[0] == "rtol" and {"baumgarte", "projection"} <= rows[run].keys():
             answer = traced("At {} Baumgarte's terms take {} times projection's time; drift {}, not {} m; error {}, "

@@ -188,8 +188,8 @@ def present(results: Results) -> Presentation:
                 *(traced("Without any stabilization it takes {}; its motion changes by {} m.", _ratio(table, row),
                          value("effects", table, int(row), MOTION))
                   for row in own.index[own["effect"] == NO_STABILIZATION]), *failed]
-    notes = ("The time is that inside the engine's own calls, all of it for the reference, over that of the baseline, "
-             "which has all effects of the scene and projection against drift; in brackets the interval of the ratio. "
+    notes = ("The time is that inside the engine's own calls, all of it for the reference. The baseline has all "
+             "effects of the scene, and projection against drift. In brackets stands the interval of the ratio. "
              "Without an effect the motion differs, so a scene can take longer. Other engines ignore the stabilization "
              "of a scene.",)
     ratios = [_ratio(table, row).text if pd.notna(table.at[row, RATIO]) else "" for row in table.index]

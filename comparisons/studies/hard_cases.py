@@ -21,9 +21,8 @@ COUNTED = {"right": frozenset({RIGHT}), "declined": frozenset({DECLINED}),
            "degraded": frozenset({DEGRADED}), "wrong": frozenset({WRONG, FAILED})}
 """Headings of the counts, and the verdicts that each counts."""
 JUDGED = COUNTED["right"] | COUNTED["degraded"] | COUNTED["wrong"]
-SIGNS = {RIGHT: ("+", "#009E73"), DEGRADED: ("~", "#E69F00"), DECLINED: ("o", "#56B4E9"),
-         DECLINED_BY_ADAPTER: ("a", "#9CCBEA"), INEXPRESSIBLE: (".", "#DDDDDD"), UNREAD: ("-", "#DDDDDD"),
-         IMPULSIVE: ("i", "#CC79A7"), WRONG: ("x", "#D55E00"), FAILED: ("!", "#8B0000")}
+SIGNS = {"right": ("+", "#009E73"), "declined": ("o", "#56B4E9"), "not judged": (".", "#DDDDDD"),
+         "degraded": ("~", "#E69F00"), "wrong": ("x", "#D55E00")}
 NOTES = ("Declined: by the method's own word. Not judged: our adapter or our reader declines it, the engine cannot "
          "express it, or goes on by impulses where no motion with finite forces exists.",
          "Degraded: less accurate than the method should be. Errors are relative to the size of what is measured.")
@@ -51,7 +50,8 @@ def present(results: Results) -> Presentation:
     answer = traced("Wrong/judged of {} cases: {}.", count("hard", table, variant=first, topic=topics),
                     listed([traced("{} {}", called(first), _wrong(table, mechanical, first)),
                             *_others(table, mechanical, first)], "; ", "; "))
-    wide = mechanical.pivot(index="case", columns="variant", values="verdict").fillna("")
+    headings = {verdict: name for name, verdicts in COUNTED.items() for verdict in verdicts}
+    wide = mechanical.replace({"verdict": headings}).pivot(index="case", columns="variant", values="verdict").fillna("")
     cases = {str(topic): list(dict.fromkeys(rows["case"])) for topic, rows in mechanical.groupby("topic", sort=False)}
     order = [case for names in cases.values() for case in names]
     verdicts = HeatMap("hard-cases", "Verdicts on the mechanical hard cases, by topic: a row a case, a column an "

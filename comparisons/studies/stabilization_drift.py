@@ -269,8 +269,9 @@ def present(results: Results) -> Presentation:
     runs = view("study-all", "Every run of the paper's scheme; drift and position error in 24 s, and their ratio to "
                 "those without stabilization.", study, columns, source="study", in_report=False)
     return Presentation(sizes, findings, (), [_by_choice(study), runs], figures,
-                        [_why_harm(), "Rounding: no more drift than rounding of coordinates in each step may add. "
-                         "Baumgarte's terms hold it at a level that small steps raise, and it may rise and fall."])
+                        [_why_harm(), "Drift is the largest in 24 s where no other time is said. Rounding: no more "
+                         "drift than rounding of coordinates in each step may add. Baumgarte's terms hold it at a "
+                         "level that small steps raise, and it may rise and fall."])
 
 
 def _laws(study: pd.DataFrame, choice: Choice, words: str) -> TracedText:
@@ -317,8 +318,8 @@ def _price(study: pd.DataFrame) -> tuple[TracedText, TracedText]:
     first = papers[papers["scene"] == study["scene"].iloc[0]]
     if len(first):
         found = [pair(row) for row in dict.fromkeys((first["step"].idxmin(), first["step"].idxmax()))]
-        sizes = traced("In {} the paper's terms change drift in 24 s {}.", found[0][0], listed([
-            traced("from {} to {} m at a step of {} ms",
+        sizes = traced("In {} the paper's terms change drift {}.", found[0][0], listed([
+            traced("from {} to {} m at {} ms",
                    *(drift_size("study", study, row, IN_SHORT) for row in rows), step) for _, step, rows in found]))
     if (papers[ERROR_RATIO] > TWICE).any():
         worst = papers.loc[papers.groupby("scene")[ERROR_RATIO].idxmax()].sort_values(ERROR_RATIO, ascending=False)
@@ -368,11 +369,11 @@ def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
     over_step = [Series(choice.label, rows["step"].to_numpy(), rows[IN_SHORT].to_numpy(), look=choice.label,
                         points=True)
                  for choice in CHOICES if len(rows := ended[ended["choice"] == choice.label])]
-    title = f"hollow: {1e3 * steps[0]:g} ms, full: {1e3 * steps[-1]:g} ms" if len(steps) > 1 else ""
+    title = f"(a) hollow: {1e3 * steps[0]:g} ms, full: {1e3 * steps[-1]:g} ms" if len(steps) > 1 else "(a)"
     unstable = PAPERS.largest_step()
     panels = (Panel(title, Axis("time [s]", log=True, ticks=sorted(set(octaves["to [s]"]))),
                     Axis("drift, rms of an octave [m, rad]", log=True), over_time),
-              Panel("", Axis("step [s]", log=True, ticks=sorted(set(study["step"]))),
+              Panel("(b) largest in 24 s", Axis("step [s]", log=True, ticks=sorted(set(study["step"]))),
                     Axis("drift, largest in 24 s [m, rad]", log=True), over_step, lines=(unstable,)))
     caption = (f"Constraint drift of the paper's scheme (the paper's Fig. 14, over a longer time), "
                f"{case_of(study['scene'].iloc[0])}: (a) over time, (b) over the step. In brackets alpha and beta, 1/s. "

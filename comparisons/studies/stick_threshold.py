@@ -348,7 +348,7 @@ def present(results: Results) -> Presentation:
     whole = view("threshold-all", "The threshold at every step.", table, columns, source="threshold", in_report=False)
     notes = ("The uncertainty is the width of the bracket that the search ends with, and the change from the next "
              "coarser step. Brackets are not ranked: a method is off only where its error is larger than its "
-             f"uncertainty, and its last refinement, to the finest step of all, changed that by less than "
+             "uncertainty. Its step must be the finest of all, and must have changed the error by less than "
              f"{100 * SETTLES:g} %.",)
     return Presentation(answer, tuple(findings), (headline,), (shown, whole), (_figure(measured),), notes)
 

@@ -220,7 +220,7 @@ def _findings(table: pd.DataFrame, found: pd.DataFrame) -> list[TracedText]:
     unread = [traced("{} ({} of {})", called(method.variant), _counted(table, method, False),
                      _counted(table, method, True, False)) for method in found[found["share"] < 1].itertuples()]
     return [traced("The true jumps measure {} to {} N m.", *ends),
-            sentence("The worst jump that is read of an engine is off by at most {}.", listed(bounds, ", ", ", ")),
+            sentence("Bounds for the jumps that engines read: {}.", listed(bounds, ", ", ", ")),
             sentence("Our reader does not find these in the runs, often as an effort rings after a jump: {}.",
                      listed(unread))]
 
@@ -242,7 +242,7 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, found: pd.DataFrame) ->
                Column("jumps", "of", form=".0f"), Column("bound", unit="N m"),
                *(Column(case_of(scene), unit="N m") for scene in table["scene"].unique()))
     return view("torque", "Jumps of the driving torque that each method reads at the step nearest to 1 ms or the "
-                "tightest tolerance, and a bound for the error of the worst of these; by case: read/all, bound.",
+                "tightest tolerance. Bound: for the error of the worst of these; by case: read/all, bound.",
                 rows, columns, group="group")
 
 

@@ -281,7 +281,8 @@ def test_presentation():
     assert any(f"Hostile files are {hostile['case'].nunique()} more" in note for note in said.notes)
     [heat] = said.figures
     wide = table.pivot(index="case", columns="variant", values="verdict")
-    assert [list(row) for row in heat.cells] == wide.loc[list(heat.rows), list(heat.columns)].to_numpy().tolist()
+    assert heat.cells == wide.loc[list(heat.rows), list(heat.columns)].replace({RIGHT: "right", DECLINED: "declined", WRONG: "wrong"}).to_numpy().tolist()
+    assert list(heat.categories) == said.tables[0].heads()[1:]  # the kinds of the table
     mutated = results.tables["hard"].copy()
     mutated.loc[0, "verdict"] = WRONG
     assert counts(replace(results, tables={"hard": mutated})) != expected

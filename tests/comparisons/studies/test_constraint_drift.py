@@ -96,10 +96,12 @@ def test_without_drift_nothing_is_said(tables):
 
 def test_the_figure_has_a_column_a_case():
     [figure] = STUDY.presented(made_up()).figures
-    assert figure.columns == len(SCENES) and len(figure.panels) == 2 * len(SCENES)
-    for panel, scene in zip(figure.panels, range(len(SCENES))):
-        assert {series.label for series in panel.series} == {"", *(label for label, _ in SIZES)}
-        for (label, _), (positions, _) in SIZES.items():
+    assert figure.columns == len(SCENES) and len(figure.panels) == 4 * len(SCENES)  # joints and contacts apart
+    for place, panel in enumerate(figure.panels[:2 * len(SCENES)]):
+        fidelity, scene = ("joint", "contact")[place // len(SCENES)], place % len(SCENES)
+        there = {label: positions for (label, one), (positions, _) in SIZES.items() if one == fidelity}
+        assert {series.label for series in panel.series} == {"", *there}
+        for label, positions in there.items():
             [series] = [one for one in panel.series if one.label == label]
             assert np.all(series.y == max(positions[scene], 1e-17))
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.presentation import COUNT, NAME, RATIO, Number, Presentation
+from stiction.comparisons.presentation import Number, Presentation
 from stiction.comparisons.results import Results
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, Record, Variant
 from stiction.engines import Outcome
@@ -53,15 +53,15 @@ def shows(text: str, true: float) -> bool:
 def is_in(number: Number, data: dict[str, pd.DataFrame]) -> bool:
     """Whether the data say the number; nothing here is shared with the code that writes it."""
     table = data[number.table]
-    if number.how == COUNT:
+    if not number.column:
         for column, wanted in number.where.items():
             table = table[table[column].isin(wanted if isinstance(wanted, frozenset) else [wanted])]
         return number.text == str(len(table))
     cells = table[number.column].iloc[[row - 1 for row in number.rows]]
-    if number.how == NAME:
+    if isinstance(cells.iloc[0], str):
         return cells.iloc[0].endswith(number.text.replace(" ", "-"))
     first, *others = re.findall(NUMBER, number.text)
-    if number.how == RATIO:
+    if len(cells) == 2:
         return shows(first, cells.iloc[0] / cells.iloc[1])
     if number.text.startswith("< "):
         unsure = table[re.sub("error|distance", "uncertainty", number.column)].iloc[number.rows[0] - 1]
@@ -77,7 +77,7 @@ def is_in(number: Number, data: dict[str, pd.DataFrame]) -> bool:
 def wrong_numbers(said: Presentation, results: Results) -> list[Number]:
     """Numbers of the sentences that their cells do not have."""
     texts = [said.answer, said.beside, *said.findings, *(cell for headline in said.headlines for cell in headline.cells.values())]
-    numbers = [number for text in texts for number in text.numbers if number.how != NAME]
+    numbers = [number for text in texts for number in text.numbers]
     assert numbers
     return [number for number in numbers if not is_in(number, results.tables)]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.comparisons.measures.distances import Graph, l1, match_events, sup_at, value_at
+from stiction.comparisons.measures.distances import Graph, l1, match_events, value_at
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.uncertain import Uncertain
 from stiction.reference_impl.multibody.mechanism import Mechanism
@@ -53,7 +53,7 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
     for label, suffixes, unit in (("position", ("x", "y"), "m"), ("velocity", ("vx", "vy"), "m/s")):
         names = [name for name in exact if name.rpartition(".")[2] in suffixes and name in trajectory]
         if names:
-            error = max(sup_at(t, trajectory[name], exact[name]).value for name in names)
+            error = max(float(np.max(np.abs(trajectory[name] - exact[name]))) for name in names)
             reach = max(size, *(float(np.max(np.abs(exact[name]))) for name in names))
             if label == "position" and not error <= reach:
                 stopped = "" if trajectory.termination == "end" else f"; {trajectory.termination}"
@@ -79,10 +79,10 @@ def _event_errors(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
         return {}
     true = [event for event in truth.events if event.time <= trajectory.t[-1]]
     found = [event for event in trajectory.events if truth.guides is None or event.joint in truth.guides]
-    matched = match_events(true, found, EVENT_WINDOW, truth.uncertainty.get("event time", 0.0))
+    matched = match_events(true, found, EVENT_WINDOW)
     absent, kinds = Counter(event.kind for event in matched.missed), {event.kind for event in true}
-    return {"event time error [s]": matched.time_error.value,
-            "event time uncertainty [s]": matched.time_error.uncertainty,
+    return {"event time error [s]": matched.time_error,
+            "event time uncertainty [s]": truth.uncertainty.get("event time", 0.0),
             "events matched": len(matched.matched), "events missed": len(matched.missed),
             "events spurious": len(matched.spurious), **{missed(kind): absent[kind] for kind in KINDS if kind in kinds}}
 

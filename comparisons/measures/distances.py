@@ -1,7 +1,7 @@
 """Distances between nonsmooth motions, each with its numerical uncertainty.
 
-The sup norm of a quantity that jumps is O(1) as soon as a jump is shifted by dt, however small; it is kept for
-positions and velocities at given instants. Quantities that jump have the L1 norm over time, O(dt). Events are compared
+The sup norm of a quantity that jumps is O(1) as soon as a jump is shifted by dt, however small: it is for positions and
+velocities. Quantities that jump have the L1 norm over time, O(dt). Events are compared
 by kind and time.
 """
 
@@ -79,15 +79,6 @@ def l1(a: Graph, b: Graph) -> Uncertain:
     return Uncertain(float(np.sum(area * h)), unsure)
 
 
-def sup_at(t: np.ndarray, a: np.ndarray, b: np.ndarray, uncertainty: float = 0.0) -> Uncertain:
-    """Return the largest |a - b| at common instants t, with the `uncertainty` of the values given and rounding."""
-    t, a, b = (np.asarray(array, dtype=float) for array in (t, a, b))
-    if not (t.shape == a.shape == b.shape and t.size):
-        raise ValueError(f"found shapes {t.shape}, {a.shape}, {b.shape}; expected one value of each per instant")
-    size = float(np.max(np.abs(a)) + np.max(np.abs(b)))
-    return Uncertain(float(np.max(np.abs(a - b))), uncertainty + np.finfo(float).eps * size)
-
-
 def value_at(graph: Graph, t: np.ndarray, side: str) -> np.ndarray:
     """Return the values of the broken line at times t; at a jump that of the given side."""
     right = np.searchsorted(graph.t, t, side="right" if side == "after" else "left")
@@ -107,18 +98,17 @@ class EventComparison:
         True event and the one found for it, in order of the true ones.
     missed, spurious : tuple of Event
         True events without a counterpart, found ones without.
-    time_error : Uncertain
-        Largest |time error| of the matched (nan without any), with the uncertainty given for the times.
+    time_error : float
+        Largest |time error| of the matched, s; nan without any.
     """
 
     matched: tuple[tuple[Any, Event], ...]
     missed: tuple[Any, ...]
     spurious: tuple[Event, ...]
-    time_error: Uncertain
+    time_error: float
 
 
-def match_events(true: Sequence[Any], found: Sequence[Event], window: float,
-                 uncertainty: float = 0.0) -> EventComparison:
+def match_events(true: Sequence[Any], found: Sequence[Event], window: float) -> EventComparison:
     """Match events of the same kind and joint whose times (s) differ by no more than the window.
 
     The true ones are anything with a time, a kind and a joint.
@@ -138,4 +128,4 @@ def match_events(true: Sequence[Any], found: Sequence[Event], window: float,
     spurious = tuple(e for j, e in enumerate(found) if j not in columns)
     worst = float(max((gap[pair] for pair in pairs), default=np.nan))
     matched = tuple((true[i], found[j]) for i, j in pairs)
-    return EventComparison(matched, missed, spurious, Uncertain(worst, uncertainty))
+    return EventComparison(matched, missed, spurious, worst)

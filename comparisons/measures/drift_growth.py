@@ -23,24 +23,20 @@ class Growth:
     Attributes
     ----------
     exponent, uncertainty : float
-        Least squares in logarithms, and half its interval of `CONFIDENCE` by Student's distribution; nan where there
-        are too few octaves. The interval holds as often as it says if octaves scatter independently. Those of the
-        random walk of a rate, ~ time^(3/2), do not: there it holds in three of four.
+        Least squares in logarithms of the octaves above rounding, and half its interval of `CONFIDENCE` by Student's
+        distribution; nan where they are too few. The interval holds as often as it says if octaves scatter
+        independently. Those of the random walk of a rate, ~ time^(3/2), do not: there it holds in three of four.
     spread : float
         Logarithm of the largest octave over the smallest, in units of its lower limit for a random walk: `walk_spread`.
     verdict : str
         `BOUNDED` where the spread is below 1, and the interval below 1/2; else `GROWS` where the interval
         lies above zero; else `INCONCLUSIVE`: the run is too short. `ROUNDED` where all octaves, or all but the first
         that are too few for a law, are not above what rounding may add.
-    until : float
-        s; end of the last octave from which the law is read: those that rounding may explain are left out. nan
-        without one.
     octaves : tuple of (float, float)
         End of each octave and the root mean square in it.
     """
 
     verdict: str
-    until: float
     octaves: tuple[tuple[float, float], ...]
     exponent: float = np.nan
     uncertainty: float = np.nan
@@ -76,20 +72,19 @@ def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np
         above.insert(0, octaves[0][1] > np.sqrt(np.mean(limit[within] ** 2)))
         end /= 2
     seen = [octave for octave, is_above in zip(octaves, above) if is_above]
-    until = seen[-1][0] if seen else np.nan
     are_successive = all(above[:len(seen)])  # a law is of successive octaves
     rounding_follows = are_successive and len(seen) < len(octaves)
     if len(values) and np.all(values <= limit) or rounding_follows and len(seen) < FEWEST:
-        return Growth(ROUNDED, until, tuple(octaves))
+        return Growth(ROUNDED, tuple(octaves))
     ends, sizes = np.reshape(seen, (-1, 2)).T
     law = fitted_exponent([(ends, sizes)]) if len(seen) >= FEWEST and are_successive else None
     if law is None:
-        return Growth(INCONCLUSIVE, until, tuple(octaves))
+        return Growth(INCONCLUSIVE, tuple(octaves))
     exponent, uncertainty = law.value, law.uncertainty
     spread = float(np.ptp(np.log(sizes))) / walk_spread(len(seen))
     is_bounded = spread < 1 and exponent + uncertainty < 0.5
     verdict = BOUNDED if is_bounded else GROWS if exponent > uncertainty else INCONCLUSIVE
-    return Growth(verdict, until, tuple(octaves), exponent, uncertainty, spread)
+    return Growth(verdict, tuple(octaves), exponent, uncertainty, spread)
 
 
 @cache

@@ -4,12 +4,10 @@ from stiction.comparisons.presentation.charts import (BETTER, CHOSEN, LIMIT, OTH
                                                       MechanismPicture, Panel, Series)
 from stiction.comparisons.presentation.presentation import ANSWER_LENGTH, Headline, Presentation
 from stiction.comparisons.presentation.table_view import Column, TableView, view
-from stiction.comparisons.presentation.traced_text import (COUNT, NAME, RATIO, VALUE, Number, Part, TracedText, count,
-                                                           interval, joined, length, listed, scaled_value, sentence,
-                                                           short, traced, value, within)
+from stiction.comparisons.presentation.traced_text import (Number, Part, TracedText, count, interval, joined, length,
+                                                           listed, scaled_value, sentence, short, traced, value, within)
 
-__all__ = ["ANSWER_LENGTH", "BETTER", "CHOSEN", "COUNT", "LIMIT", "NAME", "OTHER", "RATIO", "TRUTH", "VALUE", "Axis",
-           "Chart", "Column", "Figure", "Headline", "HeatMap", "MechanismPicture", "Number", "Panel", "Part",
-           "Presentation", "Series", "TableView", "TracedText", "count", "interval", "joined", "length", "listed",
-           "scaled_value", "sentence", "short", "traced", "value", "view",
-           "within"]
+__all__ = ["ANSWER_LENGTH", "BETTER", "CHOSEN", "LIMIT", "OTHER", "TRUTH", "Axis", "Chart", "Column", "Figure",
+           "Headline", "HeatMap", "MechanismPicture", "Number", "Panel", "Part", "Presentation", "Series", "TableView",
+           "TracedText", "count", "interval", "joined", "length", "listed", "scaled_value", "sentence", "short",
+           "traced", "value", "view", "within"]

@@ -10,7 +10,6 @@ import pandas as pd
 from stiction.comparisons.presentation.cells import cell, uncertainty_of
 from stiction.comparisons.uncertain import Uncertain, bounded
 
-VALUE, COUNT, RATIO, NAME = "value", "count", "ratio", "name"
 MILLIMETRES = 1e-6
 """Metres; lengths from here on are written in mm."""
 
@@ -24,12 +23,9 @@ class Number:
     text : str
         With its uncertainty, or with its interval in brackets.
     table, column : str
-        The table is ``data/TABLE.csv``; a count has no column.
-    how : {"value", "count", "ratio", "name"}
-        The cell of each of the rows; the number of rows with the values `where`; the cell of the first row over that
-        of the second; the name in the cell.
+        The table is ``data/TABLE.csv``; a count, of the rows with the values `where`, has no column.
     rows : tuple of int
-        From 1, the heading not counted; none for a count.
+        From 1, the heading not counted; none for a count. Of two it is the cell of the first over that of the second.
     where : Mapping
         The values of the rows that are counted, by column; a set where there are several.
     factor : float
@@ -39,7 +35,6 @@ class Number:
     text: str
     table: str
     column: str
-    how: str = VALUE
     rows: tuple[int, ...] = ()
     where: Mapping[str, object] = field(default_factory=dict)
     factor: float = 1.0
@@ -110,12 +105,12 @@ def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "
         text = str(Uncertain(float(found), float(rows.at[label, unsure])))
     else:
         text = cell(column, found)
-    return Number(text, table, column, VALUE, (label + 1,))
+    return Number(text, table, column, (label + 1,))
 
 
 def scaled_value(table: str, rows: pd.DataFrame, label: int, column: str, sign: str = "") -> Number:
     """Return a cell in a thousandth of its unit, to two digits, behind its sign: a time in ms, a length in mm."""
-    return Number(bounded(1e3 * rows.at[label, column], sign), table, column, VALUE, (label + 1,), factor=1e3)
+    return Number(bounded(1e3 * rows.at[label, column], sign), table, column, (label + 1,), factor=1e3)
 
 
 def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:
@@ -128,7 +123,7 @@ def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:
 def interval(table: str, rows: pd.DataFrame, label: int, column: str, unsure: str = "") -> Number:
     """Return the cell of a row with its sign and its uncertainty: ``-0.035 ± 0.063``; arguments as of `value`."""
     number = Uncertain(float(rows.at[label, column]), float(rows.at[label, unsure or uncertainty_of(column)]))
-    return Number(number.both(), table, column, VALUE, (label + 1,))
+    return Number(number.both(), table, column, (label + 1,))
 
 
 def short(number: float, form: str = ".2g") -> str:
@@ -142,10 +137,10 @@ def count(table: str, rows: pd.DataFrame, **where: object) -> Number:
     found = rows
     for column, wanted in where.items():
         found = found[found[column].isin(wanted if isinstance(wanted, frozenset) else {wanted})]
-    return Number(str(len(found)), table, "", COUNT, where=where)
+    return Number(str(len(found)), table, "", where=where)
 
 
 def within(table: str, rows: pd.DataFrame, label: int, column: str, low: str, high: str) -> Number:
     """Return the cell of a row, and in brackets the ends of its interval, which other columns have."""
     first, *ends = (short(rows.at[label, name], ".3g") for name in (column, low, high))
-    return Number(f"{first} ({' to '.join(ends)})", table, column, rows=(label + 1,))
+    return Number(f"{first} ({' to '.join(ends)})", table, column, (label + 1,))

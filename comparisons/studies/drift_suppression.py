@@ -13,7 +13,7 @@ from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.scene_truth import truth_for
-from stiction.comparisons.presentation import (RATIO, Column, Number, Presentation, TracedText, listed, sentence, short,
+from stiction.comparisons.presentation import (Column, Number, Presentation, TracedText, listed, sentence, short,
                                                traced, value, view)
 from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.results import Results
@@ -77,7 +77,7 @@ def present(results: Results) -> Presentation:
         labels = [rows[run][choice] for choice in (over, under)]
         found = ratio_interval(*(times[table.at[label, "key"]] for label in labels))
         text = "{} ({} to {})".format(*(short(each, ".3g") for each in (found.value, found.low, found.high)))
-        return Number(text, "suppression", OWN_CPU, RATIO, tuple(label + 1 for label in labels))
+        return Number(text, "suppression", OWN_CPU, tuple(label + 1 for label in labels))
 
     def error_with(run: tuple[str, float], choice: str) -> Number:
         return value("suppression", table, rows[run][choice], ERROR)

@@ -19,9 +19,8 @@ from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.measures.accuracy import graph, is_known
-from stiction.comparisons.measures.distances import l1, sup_at
+from stiction.comparisons.measures.distances import l1
 from stiction.comparisons.methods import MISSING_ENGINE, called
-from stiction.comparisons.presentation import RATIO as RATIO_OF
 from stiction.comparisons.presentation import (Column, Number, Presentation, TracedText, listed, sentence, short,
                                                traced, value, view, within)
 from stiction.comparisons.results import Results
@@ -144,7 +143,7 @@ def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) 
         return {**row, "status": "failed", "reason": "output instants differ from those of the run with all effects, "
                                                      "which has the same settings"}
     for label, suffixes in ((MOTION, ("x", "y")), ("velocity change [m/s]", ("vx", "vy"))):
-        row[label] = max(sup_at(t, run[name][:common], other[name][:common]).value
+        row[label] = max(float(np.max(np.abs(run[name][:common] - other[name][:common])))
                          for name in run.columns if name.rpartition(".")[2] in suffixes and name in other)
     if is_known(run, effort) and is_known(other, effort):
         a, b = graph(run, effort), graph(other, effort)
@@ -228,7 +227,7 @@ def _at_equal_error(results: Results) -> TracedText:
     pairs = [(over[key], under[key]) for key in over if key in under]
     ratios = [equal.at[a, TOTAL] / equal.at[b, TOTAL] for a, b in pairs]
     ends = dict.fromkeys(pairs[place] for place in (np.argmin(ratios), np.argmax(ratios))) if pairs else ()
-    return listed([traced("{}", Number(short(equal.at[a, TOTAL] / equal.at[b, TOTAL]), "equal-error", TOTAL, RATIO_OF,
+    return listed([traced("{}", Number(short(equal.at[a, TOTAL] / equal.at[b, TOTAL]), "equal-error", TOTAL,
                                        (int(a) + 1, int(b) + 1))) for a, b in ends], last=" to ")
 
 

@@ -29,7 +29,7 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import HIGH, LOW, Timed, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant, scaled
-from stiction.scenes import InputError, Scene, Trajectory, load_scene
+from stiction.scenes import InputError, Trajectory, load_scene
 
 DEFAULT = "default"
 ERROR, SUBJECT, SETTING, ON_FRONT = "position error [m]", "subject", "setting", "on the front"
@@ -91,10 +91,6 @@ class Trials:
     scenes: Mapping[str, float]
     subjects: tuple[Subject, ...]
 
-    @property
-    def engines(self) -> list[str]:
-        return list(dict.fromkeys(subject.engine for subject in self.subjects))
-
 
 def load_study() -> Trials:
     """The trials of ``data/engine_settings.toml``."""
@@ -103,33 +99,16 @@ def load_study() -> Trials:
     return Trials(tuple(data["steps"]), data["scenes"], tuple(Subject(**subject) for subject in data["subjects"]))
 
 
-def settings_comparison(scene: Scene, engines: Sequence[str], *, t_end: float | None = None,
-                        repeats: int = 3) -> Comparison[pd.DataFrame]:
-    """Rows of `work_precision` for every choice and step of these engines, with the setting, its drift, and the front.
-
-    Raises
-    ------
-    InputError
-        If the study has no settings of an engine.
-    """
-    trials = load_study()
-    if unknown := set(engines) - set(trials.engines):
-        raise InputError(f"engines: found {min(unknown)!r}; expected some of {', '.join(trials.engines)}, "
-                         "which the study has settings of")
-    variants = [variant for subject in trials.subjects if subject.engine in engines
-                for variant in subject.variants(trials.steps)]
-
-    def with_front(timed: Timed) -> pd.DataFrame:
-        drifts = [drift_and_rounding(record.trajectory) for record in timed.records]
-        table = timed.table.join(pd.DataFrame(drifts, columns=[DRIFT, ROUNDING]))
-        table[[SUBJECT, SETTING]] = table["variant"].str.partition(": ")[[0, 2]]
-        table[ON_FRONT] = False
-        for _, rows in _measured(table).groupby(SUBJECT, sort=False):
-            times = (rows[name].to_numpy(float) for name in (LOW, HIGH))
-            table.loc[rows.index, ON_FRONT] = front(_errors(rows), *times)
-        return table
-
-    return work_precision(scene, scaled(variants, scene, t_end), t_end=t_end, repeats=repeats).then(with_front)
+def settings_table(timed: Timed) -> pd.DataFrame:
+    """The rows of `work_precision` for the choices on a scene, with the setting, its drift, and the front."""
+    drifts = [drift_and_rounding(record.trajectory) for record in timed.records]
+    table = timed.table.join(pd.DataFrame(drifts, columns=[DRIFT, ROUNDING]))
+    table[[SUBJECT, SETTING]] = table["variant"].str.partition(": ")[[0, 2]]
+    table[ON_FRONT] = False
+    for _, rows in _measured(table).groupby(SUBJECT, sort=False):
+        times = (rows[name].to_numpy(float) for name in (LOW, HIGH))
+        table.loc[rows.index, ON_FRONT] = front(_errors(rows), *times)
+    return table
 
 
 def drift_and_rounding(trajectory: Trajectory | None) -> dict[str, float]:
@@ -258,21 +237,32 @@ def plan(scope: Scope) -> Comparison[Tables] | None:
     """All settings on all scenes of the trials, at a depth that has them; of one scene at any depth.
 
     Rows of a subject follow each other.
+
+    Raises
+    ------
+    InputError
+        If the study has no settings of an engine that is named for one scene.
     """
-    trials, limits = load_study(), extent(scope.depth)
+    trials, limits, engines = load_study(), extent(scope.depth), scope.engines
+    order = {subject.label: place for place, subject in enumerate(trials.subjects)}
+    known = dict.fromkeys(subject.engine for subject in trials.subjects)
     if len(scope.scenes) == 1:
-        where, engines, repeats = [(scope.scenes[0], scope.t_end)], scope.engines or trials.engines, scope.repeats or 3
+        where, engines, repeats = [(scope.scenes[0], scope.t_end)], engines or None, scope.repeats or 3
+        if unknown := set(engines or ()) - set(known):
+            raise InputError(f"engines: found {min(unknown)!r}; expected some of {', '.join(known)}, "
+                             "which the study has settings of")
     else:
         where = [(load_scene(name), seconds) for name, seconds in trials.scenes.items()] if limits.settings else []
-        engines = [name for name in trials.engines if scope.engines is None or name in scope.engines]
         repeats = scope.repeats or limits.repeats
-    order = {subject.label: place for place, subject in enumerate(trials.subjects)}
+    variants = [variant for subject in trials.subjects if engines is None or subject.engine in engines
+                for variant in subject.variants(trials.steps)]
 
     def tables(found: list[pd.DataFrame]) -> Tables:
         return Tables({"settings": pd.concat(found).sort_values(SUBJECT, key=lambda labels: labels.map(order),
                                                                 kind="stable", ignore_index=True)})
 
-    parts = [settings_comparison(scene, engines, t_end=t_end, repeats=repeats) for scene, t_end in where if engines]
+    parts = [work_precision(scene, scaled(variants, scene, t_end), t_end=t_end, repeats=repeats).then(settings_table)
+             for scene, t_end in where if variants]
     return side_by_side(parts, tables) if parts else None
 
 

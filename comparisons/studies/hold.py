@@ -28,7 +28,7 @@ from stiction.comparisons.measures.published_creep import CREEP as OURS
 from stiction.comparisons.measures.published_creep import ENGINE, MATCHED, PUBLISHED, UNCERTAINTY, published_creep
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.methods import at_equal_step, called, rank, succeeded, with_columns
-from stiction.comparisons.presentation import (CHOSEN, NAME, OTHER, Axis, Chart, Column, Headline, Number, Panel,
+from stiction.comparisons.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Number, Panel,
                                                Presentation, Series, TableView, TracedText, count, interval, joined,
                                                listed, sentence, traced, value, view)
 from stiction.comparisons.results import Results
@@ -540,7 +540,7 @@ def _most_helpful(settings: pd.DataFrame, best: Sequence[int]) -> TracedText:
     subject = settings.at[label, SUBJECT]
     default = int(settings.index[settings[SUBJECT].eq(subject) & settings[SETTING].eq(DEFAULT)][0])
     return traced("Of all settings {} of {} helps most: {} instead of {} m/s, at {} times its cost.",
-                  replace(value("hold-settings", settings, label, SETTING), how=NAME), subject,
+                  value("hold-settings", settings, label, SETTING), subject,
                   *(_speed("hold-settings", settings, row) for row in (label, default)),
                   value("hold-settings", settings, label, TIME, ".2g"))
 

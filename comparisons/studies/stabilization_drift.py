@@ -192,7 +192,6 @@ def drift_run(long: LongRun) -> DriftRun:
             octaves = law.octaves
             row |= {f"growth, {length:g} s": law.verdict, f"exponent of growth, {length:g} s [-]": law.exponent,
                     f"interval of the exponent, {length:g} s [-]": law.uncertainty,
-                    f"above rounding until, {length:g} s [s]": law.until,
                     f"spread, of a random walk's, {length:g} s [-]": law.spread}
     found = errors(simulate(SHORT, 1e-2), slider_bar_truth(scene, SHORT), size_of(scene))
     return row | {name: found.get(name) for name in (ERROR, "position uncertainty [m]")}, octaves
@@ -241,9 +240,9 @@ def decisive_runs(table: pd.DataFrame, scene: str, choice: Choice) -> list[tuple
     found = []
     for run in table[decisive & (table["choice"] == choice.label)].to_dict("records"):
         length = max(length for length in LENGTHS if isinstance(run.get(f"growth, {length:g} s"), str))
-        numbers = (run[f"{name}, {length:g} s [-]"] for name in (
+        exponent, interval, spread = (run[f"{name}, {length:g} s [-]"] for name in (
             "exponent of growth", "interval of the exponent", "spread, of a random walk's"))
-        found.append((run, Law(run[f"growth, {length:g} s"], *numbers, length)))
+        found.append((run, Law(run[f"growth, {length:g} s"], exponent, interval, spread, length)))
     return found
 
 

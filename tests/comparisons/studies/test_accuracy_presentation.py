@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from made_up_runs import CASES, VARIANTS, about, cells, record, sentences, wrong_numbers
 
-from stiction.comparisons.presentation import ANSWER_LENGTH, Presentation
+from stiction.comparisons.presentation import ANSWER_LENGTH
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.accuracy import largest_differences, present
 from stiction.comparisons.truth import CLOSED_FORM, Truth
@@ -72,11 +72,6 @@ def test_failing_in_the_worst_case_does_not_improve_a_method(status, reason):
     assert closest(made)[0][:2] == ["PyBullet", "1"] and "pymunk (1 of 3)" in sentences(said)
     row = said.tables[0].frame.set_index("method").loc["pymunk"]
     assert row["failed"] == f"case 3: {reason}" and np.isnan(row["position error [m], case 3"])
-
-
-@pytest.mark.parametrize("table", [pd.DataFrame(), None])
-def test_without_a_table_there_is_nothing_to_say(table):
-    assert present(Results((), {}, {} if table is None else {"accuracy": table})) == Presentation()
 
 
 def test_where_every_run_failed_it_says_so():

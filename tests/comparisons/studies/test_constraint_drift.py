@@ -87,13 +87,6 @@ def test_a_failed_run_is_counted_and_an_engine_that_is_not_installed_is_absent()
     assert sentences(with_missing) == sentences(STUDY.presented(results))
 
 
-@pytest.mark.parametrize("tables", [{}, {"drift": pd.DataFrame()},
-                                    {"drift": pd.DataFrame({"variant": ["a"], "status": ["failed"]})}])
-def test_without_drift_nothing_is_said(tables):
-    said = STUDY.presented(Results((), {}, tables))
-    assert said.is_empty and not said.headlines
-
-
 def test_the_figure_has_a_column_a_case():
     [figure] = STUDY.presented(made_up()).figures
     assert figure.columns == len(SCENES) and len(figure.panels) == 4 * len(SCENES)  # joints and contacts apart

@@ -182,11 +182,8 @@ def test_what_is_missing_is_left_out(gone):
     assert not any("nan" in cell for table in shown.tables for cells in table.cells() for cell in cells)
 
 
-def test_nothing_to_show():
-    tables = material()
-    assert STUDY.presented(Results((), {}, {})).is_empty
-    assert said({"cost": tables["cost"][tables["cost"]["status"] == "missing"]}).is_empty
-    failed = tables["cost"].assign(status="failed", reason="gave up").drop(columns="position error [m]")
+def test_no_timed_run_is_said_without_numbers():
+    failed = material()["cost"].assign(status="failed", reason="gave up").drop(columns="position error [m]")
     assert said({"cost": failed}).answer and not said({"cost": failed}).answer.numbers
 
 

@@ -19,8 +19,8 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.studies import hold
 from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT
 from stiction.comparisons.studies.hold import (BROKEN, CREEP, HELD, HOLDS, LOAD, OBEYED, OPEN, RAMP, SLOWER, STOP, TEST,
-                                               UNSURE, changes, laws_table, load_data, measured, methods_table, plan,
-                                               present, settings_table, true_slip, verdict)
+                                               UNSURE, changes, laws_table, measured, methods_table, plan, present,
+                                               settings_table, true_slip, verdict)
 from stiction.comparisons.studies.study import Scope, union
 from stiction.comparisons.timing.rounds import VisitTimes
 from stiction.comparisons.uncertain import Uncertain
@@ -334,15 +334,6 @@ def test_the_time_of_a_setting_is_the_median_of_repeats(monkeypatch, compiled):
     tasks = plan(Scope((load_scene("hold-level"),), Depth.FULL, ("pymunk",))).tasks
     assert {task.args[-1] for task in tasks if ": " in task.label} == {True}
     assert {task.args[-1] for task in tasks if task.function is measured and ": " not in task.label} == {False}
-
-
-@pytest.mark.parametrize("subject", load_data()["subjects"], ids=lambda subject: subject.label)
-def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(subject):
-    engine = installed(subject.engine)
-    scene = loaded(load_scene("hold-level"), HELD, 0.5, False)
-    default = engine.simulate(scene, t_end=0.01, dt=5e-3, fidelity=subject.fidelity, **subject.fixed).settings
-    for name, values in subject.choices.items():
-        assert name in default and default[name] not in values
 
 
 def test_a_row_has_the_command_that_runs_it_again(quick, in_this_process):

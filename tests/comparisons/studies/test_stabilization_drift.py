@@ -3,7 +3,6 @@
 from itertools import product
 
 import numpy as np
-import pandas as pd
 import pytest
 from made_up_runs import wrong_numbers
 from report_material import study_tables
@@ -137,8 +136,3 @@ def test_the_plan_has_the_papers_cases_alone():
     made = comparison.tabulate([Outcome(task.label, "failed", None, "made up") for task in comparison.tasks])
     assert len(made.tables["study"]) == len(comparison.tasks) == len(long_runs(CASES, Depth.QUICK))
     assert STUDY.presented(Results((), {}, made.tables)).is_empty
-
-
-@pytest.mark.parametrize("tables", [{}, {"study": pd.DataFrame({"scene": ["a"], "status": ["failed"]})}])
-def test_without_long_runs_nothing_is_said(tables):
-    assert STUDY.presented(Results((), {}, tables)).is_empty

@@ -6,7 +6,7 @@ import pytest
 from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.measures.steady_stretch import steady_stretch
 from stiction.comparisons.studies.steady_state_measures import MEASURES, SAMPLE_STEP, Measure, SteadyRun, steady_window
-from stiction.engines import EngineFailure, Refused
+from stiction.engines import Refused
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, scene_from_dict, vary
 
@@ -134,21 +134,6 @@ def test_start_off_the_constraints_is_assembled():
     assert turns.source(scene) == "bar.omega"
     window = steady_window(vary(scene, {"Omega": 2.0}), SteadyRun(60.0, 200.0, 1e-6), [turns])
     assert turns.value(window) == pytest.approx(1.0)
-
-
-def test_a_run_has_the_columns_of_its_measures_alone_and_they_are_the_same(case_1):
-    window, _ = case_1
-    for name in MEASURES:
-        alone = steady_window(CASE_1, SteadyRun(200.0, 249.0, 1e-9), [MEASURES[name]])
-        columns = {name for name in alone.run.columns if name.partition(".")[0] not in CASE_1.bodies}
-        assert columns <= {"guide.mode", "motor.effort", "guide.slip_velocity"} and len(columns) <= 1
-        assert MEASURES[name].value(alone) == MEASURES[name].value(window)
-
-
-def test_a_run_that_ends_early_says_so(monkeypatch):
-    monkeypatch.setattr("stiction.comparisons.studies.steady_state_measures.STEP_LIMIT", 5)
-    with pytest.raises(EngineFailure, match="step limit"):
-        measured("event-count", CASE_1, SteadyRun(1.0, 2.0, 1e-6))
 
 
 @pytest.mark.parametrize(("engine", "dt", "is_located"),

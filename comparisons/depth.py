@@ -45,7 +45,7 @@ class Extent(Model):
     """Rounds in which runs are timed, at least; see `stiction.comparisons.timing.rounds`."""
     ladder: Positive
     """CPU seconds that all rounds of one series of a work-precision diagram may take on one scene. Finer steps are
-    run, but not timed."""
+    timed once."""
     sensitivity: bool
     """Vary what the paper leaves open."""
     equal_error: bool

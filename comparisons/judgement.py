@@ -280,7 +280,7 @@ def _jumps(scene: Scene, full: Trajectory, truth: Truth) -> Iterator[dict[str, A
             time = row["event time [s]"]
             room = np.min(np.abs(times[times != time] - time), initial=truth.t_end)
             if full.t[0] <= time <= full.t[-1]:
-                yield {**row, "readable": bool(full.events or room > (SAMPLES + 1) * _step(full.t))}
+                yield {**row, "readable": bool(full.events or room > (min(SAMPLES) + 1) * _step(full.t))}
 
 
 def _findings(scene: Scene, full: Trajectory, given: Collection[str]) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
 
@@ -46,10 +47,25 @@ class Uncertain:
 
 def rounded_up(value: float, digits: int = 2) -> str:
     """Round up to so many digits, so that a bound stays one; zeros at the end are left out."""
+    return _rounded(value, digits, math.ceil, 1 - 1e-12)
+
+
+def rounded_down(value: float, digits: int = 2) -> str:
+    """Round down, so that a lower bound stays one."""
+    return _rounded(value, digits, math.floor, 1 + 1e-12)
+
+
+def bounded(value: float, sign: str) -> str:
+    """``≤ 1.1``, ``> ~100``: a number behind a sign, rounded so that a bound stays one; else to the nearest."""
+    rounding = {"≤": rounded_up, ">": rounded_down, "≥": rounded_down}.get(sign[:1])
+    return sign + (rounding(value) if rounding else plain(f"{value:.{ERROR_DIGITS}g}"))
+
+
+def _rounded(value: float, digits: int, whole: Callable[[float], int], factor: float) -> str:
     if value <= 0:
         return "0"
     unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
-    return plain(f"{math.ceil(value / unit * (1 - 1e-12)) * unit:.{digits}g}")
+    return plain(f"{whole(value / unit * factor) * unit:.{digits}g}")
 
 
 def plain(number: str) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from stiction.comparisons.methods import MISSING_ENGINE, grouped_methods
-from stiction.comparisons.presentation import TracedText, count, listed, traced
+from stiction.comparisons.presentation import TracedText, count, listed, sentence, traced
 from stiction.comparisons.presentation.cells import MISSING
 from stiction.comparisons.recommendation import mechanism_in_words
 from stiction.comparisons.results import Results
@@ -21,18 +21,19 @@ from stiction.reports.markdown.tables import aligned
 from stiction.reports.report import Report
 
 TITLE = "Which solver gets a sticking slider right? (Zhuang & Wang 2014)"
+MOST_NAMED = 3
+"""Methods with failed runs that are named one by one."""
 WIDTH = 118
 """Characters of a line."""
 INTERRUPTED = "**It was interrupted: all that follows is of the runs that were made until then.**"
 HOW_TO_READ = (
     "Reference, paper's scheme and Moreau are solvers of this suite; the truth uses none of them. Errors and drift are "
     "the worst of all cases, at the step nearest to 1 ms that was run, or the tightest tolerance; CPU time and stick "
-    "limit are of the first case, the limit at its finest step. > 110: a run of 110 ms is not exact to 1 mm, and no "
-    "longer one was timed. ~: unsure, of few rounds or with a wide interval. "
-    "An unread jump counts with its whole size. Declined: by the method's own word; not judged: for a reason of our "
-    "adapter, of what the engine can express, or of impulses. Joint: ideal guides with a friction law on them. "
-    "Contact: the slider touches two surfaces. mus = mu: the engine has one coefficient of friction, and its truth "
-    "has, too. Compare methods within a group only.")
+    "limit are of the first case, the limit at its finest step. > t: the finest run, of t ms, is not so exact. "
+    "~: unsure, timed once or with a wide interval. A jump that our reader does not find has no bound. Declined: by "
+    "the method's own word; not judged: for a reason of our adapter, of what the engine can express, or of impulses. "
+    "Joint: ideal guides with a friction law on them. Contact: the slider touches two surfaces. mus = mu: the engine "
+    "has one coefficient of friction, and its truth has, too. Compare methods within a group only.")
 
 
 @dataclass(frozen=True)
@@ -112,8 +113,10 @@ def runs_in_words(results: Results) -> TracedText:
              for status in made.loc[~ok, "status"].unique()]
     if early:
         parts.append(traced("{} of those ended early", count("runs", table, status="ok", reason=early)))
-    elsewhere = set(failed_runs(results)["table"]) - {"runs"}
-    others = " Some of other studies failed or ended early: `failures.md`." if elsewhere else ""
+    failed = failed_runs(results)
+    elsewhere = list(failed.loc[failed["table"] != "runs", "variant"].dropna().unique())
+    names = listed(elsewhere if len(elsewhere) <= MOST_NAMED else [*elsewhere[:MOST_NAMED], "others"])
+    others = sentence(" In other studies runs failed or ended early, of {}: `failures.md`.", names)
     if not parts:
         return traced("All {} compared runs succeeded.{}", count("runs", table, status="ok"), others)
     everything = count("runs", table, status=frozenset(made["status"]))

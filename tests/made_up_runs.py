@@ -66,6 +66,9 @@ def is_in(number: Number, data: dict[str, pd.DataFrame]) -> bool:
     if number.text.startswith("< "):
         unsure = table[re.sub("error|distance", "uncertainty", number.column)].iloc[number.rows[0] - 1]
         return abs(cells.iloc[0]) <= unsure <= float(first)
+    if number.text[0] in "≤>≥":  # a bound stays one
+        low, high = (1.0, 1.11) if number.text[0] == "≤" else (0.9, 1.0)
+        return all(low - 1e-9 <= float(first) / (number.factor * true) <= high + 1e-9 for true in cells)
     if "bound" in number.column:  # rounded up
         return all(true * (1 - 1e-12) <= float(first) <= 1.11 * true for true in cells)
     return all(shows(first, number.factor * true) for true in cells)

@@ -36,7 +36,7 @@ class Comparison(Generic[T]):
     The engines of the variants are prepared first. Where there are `rounds`, the tasks are simulations, which are timed
     in so many at least; the values of their outcomes are `stiction.comparisons.timing.rounds.Timing`. `ladders` names
     the refinement series of each, with steps from coarse to fine. The rounds of one series may take `budget_s` CPU
-    seconds. Finer steps are not timed, and their `Timing` says so.
+    seconds. Finer steps are timed once.
     """
 
     tasks: tuple[Task, ...]
@@ -110,12 +110,11 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
         on_start(len(tasks) + least * sum(len(comparison.tasks) for comparison in comparisons if comparison.rounds))
     found = iter(_outcomes(tasks, isolated, on_result, workers=workers, timeout_s=timeout_s))
     pairs = [[(task, next(found)) for task in comparison.tasks] for comparison in comparisons]
-    affordable = [pair for comparison, part in zip(comparisons, pairs) if comparison.rounds
-                  for pair in _affordable(comparison, part, least)]
-    times = time_runs(affordable, least, timed_by or isolated, timeout_s, on_result)
-    return [comparison.tabulate([
-        with_time(task, outcome, times, comparison.budget_s if comparison.rounds else None) for task, outcome in part])
-        for comparison, part in zip(comparisons, pairs)]
+    to_time = [run for comparison, part in zip(comparisons, pairs) if comparison.rounds
+               for run in _to_time(comparison, part, least)]
+    times = time_runs(to_time, least, timed_by or isolated, timeout_s, on_result)
+    return [comparison.tabulate([with_time(task, outcome, times, comparison.rounds > 0) for task, outcome in part])
+            for comparison, part in zip(comparisons, pairs)]
 
 
 def _outcomes(tasks: Sequence[Task], isolated: Isolate, on_result: Callable[[Outcome], None] | None,
@@ -140,9 +139,9 @@ def _outcomes(tasks: Sequence[Task], isolated: Isolate, on_result: Callable[[Out
     return [replace(made[call], label=task.label) for call, task in zip(calls, tasks)]
 
 
-def _affordable(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome]],
-                rounds: int) -> Iterator[tuple[Task, Outcome]]:
-    """Yield the runs that are timed: of each series, from coarse to fine, all that its budget has; two at least."""
+def _to_time(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome]],
+             rounds: int) -> Iterator[tuple[Task, Outcome, bool]]:
+    """Yield the runs that are timed, and whether once: of each series those beyond its budget, but the first two."""
     spent: dict[str, float] = defaultdict(float)
     steps: Counter[str] = Counter()
     for (task, outcome), series in zip(pairs, comparison.ladders, strict=True):
@@ -151,8 +150,7 @@ def _affordable(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome
         cost = outcome.value.cost  # an engine need not state one
         spent[series] += rounds * (cost.setup_s + cost.stepping_s or outcome.cpu_s or 0.0)
         steps[series] += 1
-        if steps[series] <= 2 or spent[series] <= comparison.budget_s:
-            yield task, outcome
+        yield task, outcome, steps[series] > 2 and spent[series] > comparison.budget_s
 
 
 def prepare(engines: Iterable[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,13 @@ from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.variants import UNMADE, Record
 from stiction.scenes import Event, Trajectory
 
-SAMPLES, GAP = 6, 3
-"""Samples on either side of a jump through which a parabola is laid, enough to average the noise of an impulse-based
-solver, few enough to stay within the smooth piece; and intervals that the jump itself may take: with three, two
-samples between its sides."""
-CONFIDENCE, CERTAIN = 0.95, 3.0
-"""Confidence of the interval of a size, and the least ratio of a jump's size to half its interval: of the hundred gaps
-that are tried, noise alone gets as far in one of 30 searches."""
+SAMPLES, GAP = (6, 10), 5
+"""Samples on either side of a jump through which a parabola is laid: few, to stay within the smooth piece, or more, to
+average what rings after an impulse; and intervals that the jump itself may take: with five, four samples between its
+sides."""
+CONFIDENCE, CERTAIN = 0.95, 2.5
+"""Confidence of the interval of a size, and the least ratio of a jump's size to half its interval: of all gaps that are
+tried, noise alone gets as far in one of 30 searches."""
 
 SEARCH = 0.05
 """Seconds around a true event in which an engine's jump is sought, at least SAMPLES samples; half the distance to the
@@ -129,11 +130,11 @@ def estimate_jump(trajectory: Trajectory, event: Event, room: float,
     """Read size and time of a jump off samples.
 
     An engine of fixed step has one value in the step of a jump, anywhere between the two sides of it or beyond both.
-    So parabolas are laid through `SAMPLES` samples on either side of a gap of one to `GAP` intervals, and continued to
-    its middle; samples in the gap belong to neither side. Of all such gaps the jump is the one whose size is the
-    largest in units of its own uncertainty. Time is unsure by half the gap. Size is unsure by the standard error of
-    both continuations (least squares, at `CONFIDENCE` by Student's distribution). To it comes the difference of their
-    slopes over half the gap and an interval more: a value inside may belong to either side.
+    So parabolas are laid through each number of `SAMPLES` on either side of a gap of one to `GAP` intervals, and
+    continued to its middle; samples in the gap belong to neither side. Of all such gaps the jump is the one whose size
+    is the largest in units of its own uncertainty. Time is unsure by half the gap. Size is unsure by the standard
+    error of both continuations (least squares, at `CONFIDENCE` by Student's distribution). To it comes the difference
+    of their slopes over half the gap and an interval more: a value inside may belong to either side.
 
     Parameters
     ----------
@@ -149,34 +150,36 @@ def estimate_jump(trajectory: Trajectory, event: Event, room: float,
     """
     inside = np.abs(trajectory.t - event.time) < 2 * room
     t, values = trajectory.t[inside], trajectory[effort][inside]
-    if len(t) < 2 * SAMPLES or np.isnan(values).any():
+    if len(t) < 2 * min(SAMPLES) or np.isnan(values).any():
         return None
     reach = min(max(SEARCH, 2 * float(np.median(np.diff(t)))), room)
     near = np.flatnonzero(np.abs(t - event.time) <= reach)
-    estimates = [estimate for gap in range(1, GAP + 1) for estimate in _over_gaps(t, values, near, gap)]
+    estimates = [estimate for count, gap in product(SAMPLES, range(1, GAP + 1))
+                 for estimate in _over_gaps(t, values, near, count, gap)]
     best = max(estimates, key=lambda estimate: abs(estimate.size) / estimate.size_uncertainty, default=None)
     return best if best is not None and abs(best.size) > CERTAIN * best.size_uncertainty else None
 
 
-def _over_gaps(t: np.ndarray, values: np.ndarray, last: np.ndarray, gap: int) -> Iterator[JumpEstimate]:
-    """The jump over `gap` intervals after each of the samples `last` that has `SAMPLES` samples on either side."""
-    last = last[(last >= SAMPLES - 1) & (last + gap + SAMPLES <= len(t))]
+def _over_gaps(t: np.ndarray, values: np.ndarray, last: np.ndarray, count: int, gap: int) -> Iterator[JumpEstimate]:
+    """The jump over `gap` intervals after each of the samples `last` that has `count` samples on either side."""
+    last = last[(last >= count - 1) & (last + gap + count <= len(t))]
     middle, half = (t[last + gap] + t[last]) / 2, (t[last + gap] - t[last]) / 2
     (before, slope_before, squares_before, leverage_before), (after, slope_after, squares_after, leverage_after) = (
-        _continued(t, values, first, middle) for first in (last - SAMPLES + 1, last + gap))
-    deviation = np.sqrt((squares_before + squares_after) / (2 * (SAMPLES - 3)))
-    error = student.ppf((1 + CONFIDENCE) / 2, 2 * (SAMPLES - 3)) * deviation * np.sqrt(leverage_before + leverage_after)
+        _continued(t, values, first, count, middle) for first in (last - count + 1, last + gap))
+    deviation = np.sqrt((squares_before + squares_after) / (2 * (count - 3)))
+    error = student.ppf((1 + CONFIDENCE) / 2, 2 * (count - 3)) * deviation * np.sqrt(leverage_before + leverage_after)
     bend = np.abs(slope_after - slope_before) * (half + 2 * half / gap)
     unsure = error + bend + 4 * np.spacing(np.max(np.abs(values)))
     return map(JumpEstimate, middle.tolist(), (after - before).tolist(), half.tolist(), unsure.tolist())
 
 
-def _continued(t: np.ndarray, values: np.ndarray, first: np.ndarray, to: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Continue parabolas through the `SAMPLES` samples from each of `first` on to the instants `to`; all of shape (n,).
+def _continued(t: np.ndarray, values: np.ndarray, first: np.ndarray, count: int,
+               to: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Continue parabolas through `count` samples from each of `first` on to the instants `to`; all of shape (n,).
 
     Value and slope there, sum of the squared residuals of the samples, and the value's variance over a sample's.
     """
-    window = first[:, None] + np.arange(SAMPLES)
+    window = first[:, None] + np.arange(count)
     scale = t[window[:, -1]] - t[window[:, 0]]
     powers = ((t[window] - to[:, None]) / scale[:, None])[..., None] ** np.arange(3)
     inverse = np.linalg.inv(np.swapaxes(powers, 1, 2) @ powers) @ np.swapaxes(powers, 1, 2)

@@ -5,9 +5,9 @@ from stiction.comparisons.presentation.charts import (BETTER, CHOSEN, LIMIT, OTH
 from stiction.comparisons.presentation.presentation import ANSWER_LENGTH, Headline, Presentation
 from stiction.comparisons.presentation.table_view import Column, TableView, view
 from stiction.comparisons.presentation.traced_text import (Number, Part, TracedText, count, interval, joined, length,
-                                                           listed, ratio, scaled_value, sentence, short, traced, value)
+                                                           listed, scaled_value, sentence, short, traced, value, within)
 
 __all__ = ["ANSWER_LENGTH", "BETTER", "CHOSEN", "LIMIT", "OTHER", "TRUTH", "Axis", "Chart", "Column", "Figure",
            "Headline", "HeatMap", "MechanismPicture", "Number", "Panel", "Part", "Presentation", "Series", "TableView",
-           "TracedText", "count", "interval", "joined", "length", "listed", "ratio", "scaled_value", "sentence",
-           "short", "traced", "value", "view"]
+           "TracedText", "count", "interval", "joined", "length", "listed", "scaled_value", "sentence", "short",
+           "traced", "value", "view", "within"]

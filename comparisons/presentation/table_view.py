@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.presentation.cells import cell, is_missing, uncertainty_of, unit_of
-from stiction.comparisons.uncertain import Uncertain
+from stiction.comparisons.uncertain import Uncertain, bounded
 
 BRIEF_ROWS = 30
 """Rows of a table in a report that is read from top to bottom; pages and prints have all of them."""
@@ -24,7 +24,8 @@ class Column:
     ----------
     name, uncertainty, second, bound : str
         Columns of the frame: the value; its uncertainty, `uncertainty_of` the name if empty; a second number of the
-        same unit, in brackets: ``55 (46)``; the signs of a value that is a bound or unsure: ``≤ 55``, ``≥ ~55``.
+        same unit, in brackets where it is another: ``55 (46)``; the signs of a value that is a bound or unsure: ``≤
+        55``, ``≥ ~55``. One without an uncertainty is rounded as its sign says.
     label : str
         Heading without unit; the name as it is if empty.
     unit : str
@@ -58,11 +59,12 @@ class Column:
 
     def text(self, row: Mapping[str, Any]) -> str:
         """The cell of a row of the frame."""
-        text, second = self._value(row), row.get(self.second)
-        if second is not None and not is_missing(second):
+        text, sign, second = self._value(row), row.get(self.bound), row.get(self.second)
+        if isinstance(sign, str) and sign:
+            text = f"{sign}{text}" if self.interval else bounded(self.scale * float(row[self.name]), sign)
+        if second is not None and not is_missing(second) and second != row[self.name]:
             text += f" ({cell(self.name, self.scale * float(second))})"
-        sign = row.get(self.bound)
-        return text if is_missing(sign) else f"{sign}{text}"
+        return text
 
     def _value(self, row: Mapping[str, Any]) -> str:
         value = row[self.name]
@@ -94,7 +96,8 @@ class TableView:
     rows : tuple of tuple of int
         Numbers, from 1, of the rows of `source` behind each row.
     group : str
-        Column of the frame whose value stands as a heading above rows that share it; none if empty.
+        Column of the frame whose value stands as a heading above rows that share it, or first in each row; none if
+        empty.
     in_report : bool
         True if it stands in the report and in print; the page and the folder of tables have all.
     """
@@ -109,8 +112,10 @@ class TableView:
     in_report: bool = True
 
     def shown(self, brief: bool = False) -> list[Column]:
-        """The columns that hold anything; `brief`: those of the report alone."""
-        return [column for column in self.columns if (column.brief or not brief) and column.name in self.frame
+        """The columns that hold anything; `brief`: those of the report alone, which has groups as headings of rows."""
+        first = (Column(self.group),) if self.group and not brief else ()
+        return [column for column in (*first, *self.columns)
+                if (column.brief or not brief) and column.name in self.frame
                 and not all(is_missing(value) for value in self.frame[column.name])]
 
     def heads(self, brief: bool = False) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import pandas as pd
 
 from stiction.comparisons.presentation.cells import cell, uncertainty_of
-from stiction.comparisons.uncertain import Uncertain
+from stiction.comparisons.uncertain import Uncertain, bounded
 
 MILLIMETRES = 1e-6
 """Metres; lengths from here on are written in mm."""
@@ -108,9 +108,9 @@ def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "
     return Number(text, table, column, (label + 1,))
 
 
-def scaled_value(table: str, rows: pd.DataFrame, label: int, column: str) -> Number:
-    """Return a cell in a thousandth of its unit, to two digits: a time in ms, a length in mm."""
-    return Number(short(1e3 * rows.at[label, column]), table, column, (label + 1,), factor=1e3)
+def scaled_value(table: str, rows: pd.DataFrame, label: int, column: str, sign: str = "") -> Number:
+    """Return a cell in a thousandth of its unit, to two digits, behind its sign: a time in ms, a length in mm."""
+    return Number(bounded(1e3 * rows.at[label, column], sign), table, column, (label + 1,), factor=1e3)
 
 
 def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:
@@ -140,9 +140,7 @@ def count(table: str, rows: pd.DataFrame, **where: object) -> Number:
     return Number(str(len(found)), table, "", where=where)
 
 
-def ratio(table: str, rows: pd.DataFrame, over: int, under: int, column: str, low: str, high: str) -> Number:
-    """Return the cell of one row over that of another, in brackets the interval from the ends of both intervals."""
-    first, second = rows.loc[over], rows.loc[under]
-    ends = first[low] / second[high], first[high] / second[low]
-    text = f"{short(first[column] / second[column])} ({short(ends[0])} to {short(ends[1])})"
-    return Number(text, table, column, (over + 1, under + 1))
+def within(table: str, rows: pd.DataFrame, label: int, column: str, low: str, high: str) -> Number:
+    """Return the cell of a row, and in brackets the ends of its interval, which other columns have."""
+    first, *ends = (short(rows.at[label, name], ".3g") for name in (column, low, high))
+    return Number(f"{first} ({' to '.join(ends)})", table, column, (label + 1,))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -78,7 +79,7 @@ def present(results: Results) -> Presentation:
         return Presentation()
     where = " in all cases" if table["scene"].nunique() > 1 else ""
     ranked = [method for method in found.values() if method.is_ranked]
-    answer = joined(_own(table, [method for method in ranked if method.is_own], where),
+    answer = joined(_own(table, [method for method in ranked if method.is_own]),
                     _engines(table, [method for method in ranked if not method.is_own]))
     failed = [traced("{} ({} of {})", called(method.variant), _count(table, method.failed), _count(table, method.rows))
               for method in found.values() if len(method.failed)]
@@ -87,21 +88,21 @@ def present(results: Results) -> Presentation:
                            "has them.", table, list(found), POSITION, "position error [m]")
     return Presentation(
         answer or TracedText(f"No method succeeded{where}."),
-        [*_closest(results, table, found),
-         sentence("Runs that failed or were declined, so that the method is not ranked: {}.", listed(failed))],
+        [sentence("Runs that failed or were declined, so that the method is not ranked: {}.", listed(failed))],
         [Headline("position [m]", {variant: _cell(table, method) for variant, method in found.items()})],
-        [_by_method(results, table, found), *_by_scene(table)], [over_step, *_differences(results, table)], NOTES)
+        [_by_method(results, table, found), *_closest(results, table, found), *_by_scene(table)],
+        [over_step, *_differences(results, table)], NOTES)
 
 
 def _reached(table: pd.DataFrame, method: Method) -> TracedText:
     return length("accuracy", table, method.worst_row, POSITION)
 
 
-def _own(table: pd.DataFrame, own: Sequence[Method], where: str) -> TracedText:
+def _own(table: pd.DataFrame, own: Sequence[Method]) -> TracedText:
     """The methods of the reference, each in its worst case."""
     parts = [traced("{} {}", called(method.variant), _reached(table, method)) for method in own]
     if own:
-        parts[0] = traced("{} is within {} of the truth{}", called(own[0].variant), _reached(table, own[0]), where)
+        parts[0] = traced("{} is within {} of the truth", called(own[0].variant), _reached(table, own[0]))
     said = sentence("{}.", listed(parts, ", ", ", "))
     return replace(said, text=said.text[:1].upper() + said.text[1:])
 
@@ -120,27 +121,26 @@ def _engines(table: pd.DataFrame, engines: Sequence[Method]) -> TracedText:
     return sentence("Engines: {}.", listed(parts, ", ", ", "))
 
 
-def _closest(results: Results, table: pd.DataFrame, found: Mapping[str, Method]) -> Iterator[TracedText]:
+def _closest(results: Results, table: pd.DataFrame, found: Mapping[str, Method]) -> Iterator[TableView]:
     """The closest engine of each group of equal work, in its worst case, and those that cannot be ranked against it."""
+    suppliers, rows = {column: known_of(table, column) for column in (FRICTION_BY, EVENTS_BY)}, []
     for name, variants_there in grouped_methods(results, same_work):
         others = [method for variant in variants_there if (method := found.get(variant))
                   and method.is_ranked and not method.is_own]
         others.sort(key=lambda method: table.at[method.worst_row, POSITION])
         if not others:
             continue
-        best = [method for method in others if not differ(table, others[0].worst_row, method.worst_row)]
-        row, reached = best[0].worst_row, _reached(table, best[0])
-        if table["scene"].nunique() > 1:
-            case = Number(case_of(table.at[row, "scene"]), "accuracy", "scene", (row + 1,))
-            reached = traced("{} in {}", reached, case)
-        names = listed([called(method.variant, fidelity=False) for method in best])
-        heading = name[:1].upper() + name[1:]
-        if len(others) == 1:
-            yield traced("{}: {}, {}.", heading, names, reached)
-        else:
-            runs = pd.concat([method.rows for method in others])
-            number = _count(table, runs[runs["scene"] == table.at[row, "scene"]])
-            yield traced("{}: the closest of {} is {}, {}.", heading, number, names, reached)
+        row = others[0].worst_row
+        best = [method.variant for method in others if not differ(table, row, method.worst_row)]
+        rows.append(({"group": name.partition(";")[0], "closest": ", ".join(called(variant, False) for variant in best),
+                      "of": len(others), **{column: known[best[0]] for column, known in suppliers.items()},
+                      **table.loc[row, [POSITION, UNCERTAINTY]], "in": case_of(table.at[row, "scene"])},
+                     table.loc[[row]]))
+    if rows:
+        yield view("accuracy-closest", "The closest of the engines that may be ranked, as they do the same part of the "
+                   "work, each by its worst case; with it those that its error cannot be distinguished from.", rows,
+                   (Column("closest"), Column("of"), Column(FRICTION_BY), Column(EVENTS_BY),
+                    Column(POSITION, "position error"), Column("in")), source="accuracy", group="group")
 
 
 def differ(table: pd.DataFrame, one: int, other: int) -> bool:
@@ -177,7 +177,7 @@ def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method
             for run in runs.drop(index=method.failed.index).to_dict("records"):
                 row |= {_of(column, run["scene"]): run[column] for column in (POSITION, UNCERTAINTY)}
             if runs[FOUND].notna().any():
-                row[EVENTS] = "/".join(f"{runs[column].sum():.0f}" for column in (FOUND, MISSED, SPURIOUS))
+                row[EVENTS] = _events(runs, results.truths)
                 row[BY_KIND] = missed_by_kind(runs)
             row["failed"] = "; ".join(f"{case_of(run['scene'])}: {run['reason'] or run['status']}"
                                       for run in method.failed.to_dict("records"))
@@ -188,11 +188,21 @@ def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method
                Column(BY_KIND, brief=False), Column("failed"))
     return view("accuracy", "Largest position error of each method at the step nearest to 1 ms or the tightest "
                 "tolerance. Friction / events by: who supplies the friction law, and who locates events. "
-                "Events: found/missed/spurious, of all cases.", rows, columns, source="accuracy", group="group")
+                "Events: found/missed/spurious, of all cases, of the kinds that a method reports.", rows, columns,
+                source="accuracy", group="group")
 
 
 def _of(column: str, scene: str) -> str:
     return f"{column}, {case_of(scene)}"
+
+
+def _events(runs: pd.DataFrame, truths: Mapping[str, Truth]) -> str:
+    """``51/0/0; no corner``: found, missed and spurious events of the kinds that a method reports, and the others."""
+    true = Counter(event.kind for name in runs["truth"] if name in truths for event in truths[name].events)
+    lost = {kind: int(runs[missed(kind)].sum()) for kind in KINDS if missed(kind) in runs}
+    never = [kind for kind, number in lost.items() if number and number == true[kind]]
+    counts = (runs[FOUND].sum(), runs[MISSED].sum() - sum(lost[kind] for kind in never), runs[SPURIOUS].sum())
+    return "; no ".join(["/".join(f"{number:.0f}" for number in counts), *never])
 
 
 def missed_by_kind(rows: pd.DataFrame) -> str:

@@ -22,6 +22,7 @@ from stiction.comparisons.studies.accuracy import compared_runs
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import Record
+from stiction.engines.protocol import FIDELITIES
 from stiction.engines.registry import EngineMissing, UnknownEngine, load_engine
 from stiction.engines.shared.tree_engine import TreeEngine
 
@@ -80,9 +81,10 @@ def present(results: Results) -> Presentation:
              Column("velocity drift, end [m/s]", "velocity drift, end", "m/s"), Column("growth"),
              Column(EXPONENT, "power of time", uncertainty=INTERVAL, interval=True), Column("status"), Column("reason"))
     all_runs = view("drift-all", "Drift of every run.", table, every, source="drift", in_report=False)
-    notes = ["Drift is the norm of the residuals of the constraints, gaps in m and angles in rad together, or of their "
-             f"rates; 0 is below {ROUNDING:g} m, rad or m/s, which rounding makes. With contacts it holds what they "
-             "penetrate."]
+    notes = ["Drift is the norm of the residuals of the constraints, gaps in m and angles in rad together, or of "
+             f"their rates. Values below {ROUNDING:g} are rounding and print as 0. With contacts, drift includes "
+             "penetration.",
+             "Bounded: an offset that does not grow with time."]
     trees = runs[(runs["fidelity"] == "joint") & runs.get(JOINT_COORDINATES, False)]
     if len(trees):
         names = ", ".join(called(variant) for variant in trees["variant"].unique())
@@ -108,19 +110,22 @@ def _answer(table: pd.DataFrame, measured: pd.DataFrame, worst: pd.DataFrame) ->
     """The largest drift of each fidelity, and that of the paper's scheme."""
     parts = []
     for fidelity, place in (("joint", "at joints"), ("contact", "at contacts")):
-        there = measured[measured["fidelity"] == fidelity]
-        if len(there):
-            rows = [int(there[column].idxmax()) for column in (POSITION, VELOCITY)]
-            first, second = (called(table.at[row, "variant"], False) for row in rows)
-            position, velocity = (drift_size("drift", table, row, column)
-                                  for row, column in zip(rows, (POSITION, VELOCITY)))
-            parts.append(traced("{} m and {} m/s {} ({})", position, velocity, place, first) if first == second else
-                         traced("{} m ({}) and {} m/s ({}) {}", position, first, velocity, second, place))
-    answer = traced("Methods drift by at most {}.", listed(parts, last=", "))
+        there = worst[worst.index.isin(measured.loc[measured["fidelity"] == fidelity, "variant"])]
+        if there.empty:
+            continue
+        position, velocity = ({variant: drift_size("drift", table, int(row), column) for variant, row in
+                               there[column].sort_values(key=lambda rows, column=column: -table.loc[rows, column].array,
+                                                         kind="stable").items()} for column in (POSITION, VELOCITY))
+        first, second = (", ".join(called(variant, False) for variant, number in sizes.items()
+                                   if number.text == next(iter(sizes.values())).text) for sizes in (position, velocity))
+        bounded = "; bounded" if table.at[there.at[next(iter(position)), POSITION], "growth"] == BOUNDED else ""
+        sizes = (next(iter(position.values())), next(iter(velocity.values())))
+        parts.append(traced("{} m and {} m/s {} ({}{})", *sizes, place, first, bounded) if first == second else
+                     traced("{} m ({}{}) and {} m/s ({}) {}", sizes[0], first, bounded, sizes[1], second, place))
     if "paper's scheme" in worst.index:
         scheme = drift_size("drift", table, int(worst.at["paper's scheme", POSITION]), POSITION)
-        answer = traced("{} The paper's scheme: {} m.", answer, scheme)
-    return answer
+        parts.append(traced("paper's scheme {} m", scheme))
+    return traced("At most {}.", listed(parts, "; ", "; "))
 
 
 def _growth(table: pd.DataFrame, measured: pd.DataFrame) -> TracedText:
@@ -142,8 +147,10 @@ def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> 
         position, velocity = (table.loc[worst.at[variant, column]] for column in (POSITION, VELOCITY))
         rows.append(({"variant": variant, "fidelity": position["fidelity"],
                       "cases": f"{there[POSITION].notna().sum()} of {len(there)}", POSITION: position[POSITION],
-                      "position in": case_of(position["scene"]), VELOCITY: velocity[VELOCITY],
-                      "velocity in": case_of(velocity["scene"]), "growth": _law(position)}, there))
+                      "position in": case_of(position["scene"]) if position[POSITION] else "",
+                      VELOCITY: velocity[VELOCITY],
+                      "velocity in": case_of(velocity["scene"]) if velocity[VELOCITY] else "",
+                      "growth": _law(position)}, there))
     columns = (Column("variant", "method"), Column("fidelity"),
                Column("cases", "cases measured", brief=bool(runs[POSITION].isna().any())),
                Column(POSITION, "drift", "m, rad"), Column("position in", "in"),
@@ -161,16 +168,19 @@ def _law(run: pd.Series) -> str:
 
 
 def _figures(results: Results, chosen: Sequence[str]) -> list[Chart]:
-    """Drift of every method over time: position above, velocity below, a column a case."""
+    """Drift of every method over time: position above, velocity below, a row a fidelity, a column a case."""
     made = [record for record in results.records if record.trajectory is not None and record.variant.label in chosen]
     scenes = list(dict.fromkeys(record.scene for record in made))
     if not scenes:
         return []
-    panels = [_panel(one_per_variant(record for record in made if record.scene == scene), name, title_of(scene), label)
+    panels = [_panel(one_per_variant(record for record in made if record.scene == scene
+                                     and record.variant.fidelity == fidelity), name, title_of(scene),
+                     f"{fidelity}s: {label}")
               for name, label in (("drift.position", "drift [m, rad]"), ("drift.velocity", "velocity drift [m/s]"))
+              for fidelity in FIDELITIES if any(record.variant.fidelity == fidelity for record in made)
               for scene in scenes]
     caption = (f"Drift of every method over time, the largest in each of {PIECES} pieces: of position above, of "
-               "velocity below. A method may be low in one and high in the other. "
+               "velocity below, joints and contacts apart. A method may be low in one and high in the other. "
                f"Dotted: {ROUNDING:g}, below which it is rounding.")
     return [Chart("drift-engines", caption, panels, columns=len(scenes), share_x=True, share_y=True)]
 

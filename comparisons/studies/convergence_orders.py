@@ -47,8 +47,8 @@ ERROR, UNSURE = "position error [m]", "position uncertainty [m]"
 STEP, ORDER, OBSERVED = "mean step [s]", "order of the method [-]", "observed order [-]"
 HALF = "interval of the order [-]"
 COLUMNS = ("scene", "method", STEP, ERROR, UNSURE, ORDER, OBSERVED, HALF, "runs", "why none", "status", "reason")
-METHODS = {"event-driven, no events": 8, "paper's scheme, no events": 4, "paper's scheme, across a break-away": 1}
-"""Refinement series of the reference, each with the order of its method."""
+METHODS = {"reference": 8, "paper's scheme": 4, "paper's scheme, across a break-away": 1}
+"""Refinement series, without events where no other is said, each with the order of its method."""
 LOOKS = dict(zip(METHODS, ("reference", "paper's scheme", "trial and error")))
 """Variants whose looks the series have."""
 
@@ -93,7 +93,7 @@ def observed_order(step: Sequence[float], error: Sequence[float], uncertainty: S
 def order_rows(scene: Scene, method: str) -> list[dict[str, object]]:
     """One row per run of a method on a scene: error over step; the fitted order in every row."""
     truth, runs = (_across_a_break_away(scene) if method.endswith("break-away")
-                   else _without_events(scene, method.startswith("event-driven")))
+                   else _without_events(scene, method == "reference"))
     found = [(step, errors(run, truth)) for step, run in runs]
     fit = observed_order([step for step, _ in found], *([row[name] for _, row in found] for name in (ERROR, UNSURE)))
     return [{"method": method, STEP: step, ERROR: row[ERROR], UNSURE: row[UNSURE], ORDER: METHODS[method],
@@ -151,14 +151,15 @@ def present(results: Results) -> Presentation:
     columns = (Column("method"), Column(ORDER, "order promised"),
                Column(OBSERVED, "order observed (95 %)", uncertainty=HALF, interval=True), Column("runs"),
                Column("why none"))
-    shown = view("orders", "Observed orders of the reference, fitted where neighbouring slopes agree.", parts, columns)
+    shown = view("orders", "Observed orders, fitted where neighbouring slopes agree; of runs without events, but "
+                 "across a break-away where that is said.", parts, columns)
     series = []
     for method, runs in known.groupby("method", sort=False):
         step, error = runs[STEP].to_numpy(), runs[ERROR].to_numpy()
         promised = error[-1] * (step / step[-1]) ** float(runs[ORDER].iloc[0])
         series += [Series(method, step, error, look=LOOKS.get(method, ""), line=False, points=True),
                    Series("", step, promised, look=LIMIT)]
-    chart = Chart("orders", "Position error of the reference over its step. Dotted, through the finest run: the order "
+    chart = Chart("orders", "Position error over the step. Dotted, through the finest run: the order "
                   "that each method promises.", [Panel("", Axis(STEP, log=True), Axis(ERROR, log=True), series)],
                   columns=1, height=3.0)
     return Presentation(traced("Observed orders (promised): {}.", listed(orders)), tables=[shown], figures=[chart])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -12,22 +12,25 @@ from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
 from stiction.comparisons.campaigns.participants import REFERENCE, cost_variants, extent, variants
 from stiction.comparisons.methods import (MISSING_ENGINE, called, case_of, groups, known_of, methods, succeeded,
                                           with_columns)
-from stiction.comparisons.presentation import (Axis, Chart, Column, Headline, Part, Presentation, Series, TableView,
-                                               TracedText, count, listed, scaled_value, sentence, traced, value, view)
+from stiction.comparisons.presentation import (Axis, Chart, Column, Headline, Number, Part, Presentation, Series,
+                                               TableView, TracedText, count, listed, scaled_value, sentence, traced,
+                                               value, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.accuracy import chart_by_case
-from stiction.comparisons.studies.equal_error import (COLUMNS, FAILED, INTEGRATION, QUANTITIES, SCENES, SMALLEST,
+from stiction.comparisons.studies.equal_error import (COLUMNS, FAILED, FALLS, INTEGRATION, QUANTITIES, SCENES, SMALLEST,
                                                       equal_error)
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import ORDER, TIMING, TOTAL, Timed, work_precision
 from stiction.comparisons.timing.timed_runs import OTHERS
+from stiction.comparisons.uncertain import bounded
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Variant, scaled
+from stiction.engines.registry import OWN_METHODS
 from stiction.scenes import Scene, load_scene
 
-PAPER, SET_UP = "paper's scheme", "set-up [s]"
+PAPER, SET_UP, COMPILATION = "paper's scheme", "set-up [s]", "compile [s]"
 ERROR, UNCERTAINTY = QUANTITIES[0].error, QUANTITIES[0].uncertainty
 NEEDED = ("scene", "variant", "engine", "fidelity", "parameter", "status", "reason", "settings", FRICTION_BY, EVENTS_BY,
-          TOTAL, OWN_CPU, "repeats", TIMING, SET_UP, "compile [s]", ERROR, UNCERTAINTY)
+          TOTAL, OWN_CPU, "repeats", TIMING, SET_UP, COMPILATION, ERROR, UNCERTAINTY)
 """Columns that a table in which all runs failed, or none was timed, may lack."""
 TARGET = 1e-3
 """Metres: the error at which methods are compared in words."""
@@ -39,10 +42,11 @@ MILLI = 1e3
 """Milliseconds in a second, millimetres in a metre."""
 MILLIMETRE = f"{MILLI * TARGET:g} mm"
 NOTES = ("CPU time is that of the whole run, our adapter included; in brackets the part inside the engine's own calls. "
-         "Of the reference both are the same. Set-up and compilation are not in it.",
+         "Without brackets both are equal. Set-up and compilation are not in it.",
          "Times are medians of runs in rounds. Between two runs of a refinement series log(time) is linear in "
-         "log(error); nothing is extrapolated. ≤: the coarsest run already has a smaller error. ≥: below the "
-         "uncertainty of the truth. –: no timed run is as accurate; >: than the finest timed run, which is not.",
+         "log(error); nothing is extrapolated. Runs beyond the time of their series were timed once.",
+         "≤: the coarsest run already has a smaller error. ≥: below the uncertainty of the truth. –: no run is as "
+         "accurate; >: than the finest run, which is not. ~: of fewer than five rounds, or with a wide interval.",
          "A limit follows from the order of the error over step or tolerance at the finest runs of all cases. "
          "integration: a finer run would go on. model: contacts, or the engine's own equations. adapter: "
          "what we add to the engine. truth: below the uncertainty of the truth. inconclusive: the order allows both.")
@@ -95,9 +99,9 @@ def present(results: Results) -> Presentation:
     reached = equal[(equal["scene"] == first) & (equal["error"] == TARGET) & equal[TOTAL].notna()]
     findings = [sentence("Engines with contacts take {} ms to it, each against the truth of its own friction law.",
                          _engines(reached, "contact")),
-                sentence("No timed run of {} is accurate to {} there.",
-                         listed(_not_timed(cost, reached, first), last=" or "), MILLIMETRE),
-                _limited(equal, cost["scene"].nunique()), _accelerations(cost, first), _set_up(cost), _unsure(cost),
+                sentence("No run of {} is accurate to {} there.",
+                         listed(_without(cost, reached, first), last=" or "), MILLIMETRE),
+                *_limited(cost, equal), _accelerations(cost, first), _set_up(cost), _unsure(cost),
                 _load(results.table("times"))]
     tables = [_table(cost, rows, str(scene), first) for scene, rows in equal.groupby("scene", sort=False)]
     every = (Column("scene"), Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
@@ -107,7 +111,7 @@ def present(results: Results) -> Presentation:
              Column("event time error [s]", "event time error"), Column(TIMING))
     runs = view("cost-all", "Every run of the refinement series.", cost, every, source="cost", in_report=False)
     return Presentation(_answer(cost, reached, first), findings, _headlines(results, cost, reached, first),
-                        [*tables, _limits(cost, equal), runs], [_figure(cost)], NOTES)
+                        [*tables, _limits(cost, equal), runs], [_figure(cost)], NOTES, _first_run(cost))
 
 
 def _measured(cost: pd.DataFrame) -> pd.Series:
@@ -125,10 +129,10 @@ def _is_unsure(cost: pd.DataFrame) -> pd.Series:
 
 
 def _times_to_position(results: Results, cost: pd.DataFrame) -> pd.DataFrame:
-    """Times to an error of position, of variants that succeeded once; ``steps``: an external engine with steps."""
+    """Times to an error of position, of variants that succeeded once; ``steps``: an engine with steps."""
     equal = with_columns(results.table("equal-error"), *COLUMNS)
     there = equal["quantity"].eq(QUANTITIES[0].name) & equal["scene"].isin(cost["scene"]) & equal["because"].ne(FAILED)
-    steps = cost.loc[(cost["parameter"] == "dt") & (cost["engine"] != REFERENCE), "variant"]
+    steps = cost.loc[(cost["parameter"] == "dt") & ~cost["engine"].isin(OWN_METHODS), "variant"]
     return equal[there].assign(**{"at most": equal["at most"].eq(True), "steps": equal["variant"].isin(steps)})
 
 
@@ -137,10 +141,10 @@ def _sign(time: Mapping[Hashable, Any], bound: str) -> str:
     return bound + (UNSURE if isinstance(time[TIMING], str) and time[TIMING] else "")
 
 
-def _bounded(rows: pd.DataFrame, label: int) -> TracedText:
+def _bounded(rows: pd.DataFrame, label: int) -> Number:
     """A total time to an error in ms, with ``≤`` where the coarsest run already meets it, and `UNSURE`."""
     sign = _sign(rows.loc[label].to_dict(), "≤ " if rows.at[label, "at most"] else "")
-    return traced(sign + "{}", scaled_value("equal-error", rows, label, TOTAL))
+    return scaled_value("equal-error", rows, label, TOTAL, sign)
 
 
 def _range(rows: pd.DataFrame) -> TracedText:
@@ -149,41 +153,45 @@ def _range(rows: pd.DataFrame) -> TracedText:
 
 
 def _engines(reached: pd.DataFrame, fidelity: str) -> TracedText:
-    """`_range` of external engines with steps."""
+    """`_range` of engines with steps, our own methods not among them."""
     return _range(reached[reached["steps"] & (reached["fidelity"] == fidelity)])
 
 
 def _answer(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> TracedText:
     if reached.empty:
-        return traced("No timed run is accurate to {} in {}.", MILLIMETRE, case_of(first))
+        return traced("No run is accurate to {} in {}.", MILLIMETRE, case_of(first))
     parts: list[Part] = [traced("{} {} ms", called(variant), _bounded(reached, int(label)))
                          for variant in (REFERENCE, PAPER) for label in reached.index[reached["variant"] == variant]]
-    slower = _not_timed(cost[cost["fidelity"] == "joint"], reached, first)
-    parts += filter(None, [sentence("engines with ideal joints {} ms", _engines(reached, "joint")),
-                           sentence("{} longer than was timed", listed(slower))])
+    parts += filter(None, [sentence("engines with ideal joints {} ms", _engines(reached, "joint"))])
     return traced("CPU to an error of {} in {}: {}.", MILLIMETRE, case_of(first),
                   listed(parts or [traced("engines {} ms", _range(reached))]))
 
 
-def _not_timed(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> list[str]:
-    """Names of the external engines without a timed run that is accurate to `TARGET`; a finer one might be."""
-    timed = cost[_measured(cost) & _is_timed(cost) & (cost["scene"] == first)]
-    timed = timed[(timed["parameter"] == "dt") & (timed["engine"] != REFERENCE)]
-    return [called(variant) for variant in dict.fromkeys(timed["variant"]) if variant not in set(reached["variant"])]
+def _without(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> list[str]:
+    """Names of the engines without a run that is accurate to `TARGET`; a finer one might be."""
+    made = cost[_measured(cost) & (cost["scene"] == first) & (cost["parameter"] == "dt")]
+    made = made[~made["engine"].isin(OWN_METHODS) & ~made["variant"].isin(reached["variant"])]
+    return [called(variant) for variant in dict.fromkeys(made["variant"])]
 
 
-def _limited(equal: pd.DataFrame, scenes: int) -> TracedText:
-    """The methods whose error no longer falls, or may not, by their limit."""
+def _limited(cost: pd.DataFrame, equal: pd.DataFrame) -> Iterator[TracedText]:
+    """The methods whose error no longer falls, or may not, by their limit, and the cases where others' does not."""
     limits = equal.drop_duplicates("variant").groupby("because", sort=False)["variant"].agg(list)
     falling = limits.pop(INTEGRATION) if INTEGRATION in limits else []
-    where = "Over all cases the error" if scenes > 1 else "The error"
+    where = "By one order for all cases the error" if cost["scene"].nunique() > 1 else "The error"
     others = [traced("{} ({})", listed([called(variant) for variant in names]), str(limit))
               for limit, names in limits.items()]
-    methods_of = f"{len(falling)} of {len(falling) + sum(map(len, limits))} methods"
-    if not others:
-        return sentence("{} of every method still falls at its finest steps.", where if falling else "")
-    return traced("{} of {} still falls at their finest steps. Limits of the others: {}.", where, methods_of,
-                  listed(others, "; ", "; "))
+    yield traced("{} of {} of {} methods still falls at the finest runs.", where, str(len(falling)),
+                 str(len(falling) + sum(map(len, limits))))
+    yield sentence("Limits of the others: {}.", listed(others, "; ", "; "))
+    level = []
+    for (variant, scene), runs in cost[_measured(cost) & cost["variant"].isin(falling)].groupby(
+            ["variant", "scene"], sort=False):
+        last = runs[(runs[ERROR] > runs[UNCERTAINTY]) & (runs["parameter"] != "iterations")].iloc[-2:]
+        if len(last) == 2 and last[ERROR].iloc[1] > last[ERROR].iloc[0] * (
+                last["step"].iloc[1] / last["step"].iloc[0]) ** FALLS:
+            level.append(f"{called(variant)} in {case_of(scene)}")
+    yield sentence("Between the last two runs it hardly falls, or rises: {}.", listed(level, "; ", "; "))
 
 
 def _accelerations(cost: pd.DataFrame, first: str) -> TracedText:
@@ -200,8 +208,8 @@ def _accelerations(cost: pd.DataFrame, first: str) -> TracedText:
     ours, own = (cost.loc[list(rows)] for rows in zip(*closer))
     worst, best = ours[ERROR].idxmax(), own[ERROR].idxmin()
     names = listed([called(variant) for variant in own["variant"]])
-    return traced("Under our integrator the accelerations of {} lead to {} m in {}; with the engines' own steps {} m "
-                  "is the best.", names, value("cost", cost, int(worst), ERROR), case_of(first),
+    return traced("Under our integrator the accelerations of {} lead to {} m in {}, with {} own steps to {} m.", names,
+                  value("cost", cost, int(worst), ERROR), case_of(first), "its" if len(own) == 1 else "their",
                   value("cost", cost, int(best), ERROR))
 
 
@@ -211,17 +219,28 @@ def _set_up(cost: pd.DataFrame) -> TracedText:
     longest = (("the reference", times.loc[times["variant"] == REFERENCE, SET_UP]),
                ("the engines", times.loc[times["engine"] != REFERENCE, SET_UP]))
     return sentence("Set-up comes on top: {}.", listed([
-        traced("up to {} ms for {}", scaled_value("cost", cost, int(found.idxmax()), SET_UP), name)
+        traced("{} ms for {}", scaled_value("cost", cost, int(found.idxmax()), SET_UP, "≤ "), name)
         for name, found in longest if len(found)]))
+
+
+def _first_run(cost: pd.DataFrame) -> TracedText:
+    """The longest time that the first run of a process takes to load what is compiled."""
+    times = cost.loc[_measured(cost) & cost[COMPILATION].gt(0), COMPILATION].astype(float)
+    if times.empty:
+        return TracedText()
+    row = int(times.idxmax())
+    return traced("The first run of a process takes up to {} ms more, to load what is compiled ({}).",
+                  Number(bounded(MILLI * times[row], "≤").removeprefix("≤"), "cost", COMPILATION, rows=(row + 1,),
+                         factor=MILLI), called(cost.at[row, "variant"]))
 
 
 def _unsure(cost: pd.DataFrame) -> TracedText:
     if not _is_unsure(cost).any():
         return TracedText()
     marked, rounds = frozenset(cost.loc[_is_unsure(cost), TIMING]), frozenset(cost.loc[_is_timed(cost), "repeats"])
-    return traced("{} of {} timings are marked ~, as unsure: of fewer than five rounds, or with an interval wider than "
-                  "a quarter.", count("cost", cost, **{TIMING: marked, "repeats": rounds}),
-                  count("cost", cost, repeats=rounds))
+    return traced("The times of {} of {} runs are unsure: of fewer than five rounds, or with an interval wider than a "
+                  "quarter. A time to an error is marked ~ by its own interval.",
+                  count("cost", cost, **{TIMING: marked, "repeats": rounds}), count("cost", cost, repeats=rounds))
 
 
 def _load(times: pd.DataFrame) -> TracedText:
@@ -233,16 +252,18 @@ def _load(times: pd.DataFrame) -> TracedText:
 
 
 def _headlines(results: Results, cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> tuple[Headline, ...]:
-    """Total time to `TARGET`, the engine's part in brackets; more than the finest timed run where none is so exact."""
+    """Total time to `TARGET`, in brackets the engine's part if less; above the finest run's if none is so exact."""
     timed, cells = cost[_measured(cost) & _is_timed(cost) & (cost["scene"] == first)], {}
     for variant in methods(results):
         there, runs = (rows.index[rows["variant"] == variant] for rows in (reached, timed))
         if len(there):
-            own = scaled_value("equal-error", reached, int(there[0]), OWN_CPU)
-            cells[variant] = traced("{} ({})", _bounded(reached, int(there[0])), own)
+            row = int(there[0])
+            own = "" if reached.at[row, OWN_CPU] == reached.at[row, TOTAL] else traced(
+                " ({})", scaled_value("equal-error", reached, row, OWN_CPU))
+            cells[variant] = traced("{}{}", _bounded(reached, row), own)
         elif len(runs):
-            cells[variant] = traced(_sign(timed.loc[runs[-1]].to_dict(), "> ") + "{}",
-                                    scaled_value("cost", cost, int(runs[-1]), TOTAL))
+            sign = _sign(timed.loc[runs[-1]].to_dict(), "> ")
+            cells[variant] = traced("{}", scaled_value("cost", cost, int(runs[-1]), TOTAL, sign))
     return (Headline(f"CPU to {MILLIMETRE}, {case_of(first)} (engine's part) [ms]", cells),) if cells else ()
 
 
@@ -284,7 +305,7 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
         done, one = runs[succeeded(runs)], times.iloc[0]
         row = {"variant": variant, ERROR: times[SMALLEST].max(), "order": one["order [-]"],
                "order uncertainty": one["order uncertainty [-]"], "limit": one["because"], "why": one["why"],
-               "set-up cpu [s]": done[SET_UP].median(), "compile cpu [s]": done["compile [s]"].max(),
+               "set-up cpu [s]": done[SET_UP].median(), "compile cpu [s]": done[COMPILATION].max(),
                "unsure": f"{_is_unsure(runs).sum()} of {_is_timed(runs).sum()}",
                **done.iloc[0][[FRICTION_BY, EVENTS_BY]]}
         rows.append((row, runs))

@@ -13,18 +13,20 @@ from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.scene_truth import truth_for
-from stiction.comparisons.presentation import (Column, Number, Presentation, TracedText, listed, ratio, sentence,
-                                               traced, view)
+from stiction.comparisons.presentation import (Column, Number, Presentation, TracedText, listed, sentence, short,
+                                               traced, value, view)
 from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.constraint_drift import POSITION, VELOCITY, above_rounding, drift_size
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import HIGH, LOW, TimedRun, cost_of, timed_comparison
+from stiction.comparisons.timing.intervals import ratio_interval
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.variants import OWN_CPU, Record, Variant, scaled
 
+ERROR = "position error [m]"
 CHOICES = {"none": "no stabilization", "baumgarte": "Baumgarte's terms", "projection": "projection"}
-WAYS = (("event-driven", "rtol", (1e-6, 1e-9)), ("paper's scheme", "dt", (1e-2, 1e-3)))
+WAYS = (("reference", "rtol", (1e-6, 1e-9)), ("paper's scheme", "dt", (1e-2, 1e-3)))
 
 
 def suppression_variants() -> tuple[Variant, ...]:
@@ -68,19 +70,29 @@ def present(results: Results) -> Presentation:
     def drift_with(run: tuple[str, float], choice: str) -> Number:
         return drift_size("suppression", table, rows[run][choice], POSITION)
 
+    times = {key: part[OWN_CPU].tolist() for key, part in results.table("times").groupby("key")}
+
     def time_ratio(run: tuple[str, float], over: str, under: str) -> Number:
-        return ratio("suppression", table, rows[run][over], rows[run][under], OWN_CPU, LOW, HIGH)
+        """By the rounds, of which each has both, as of the effects."""
+        labels = [rows[run][choice] for choice in (over, under)]
+        found = ratio_interval(*(times[table.at[label, "key"]] for label in labels))
+        text = "{} ({} to {})".format(*(short(each, ".3g") for each in (found.value, found.low, found.high)))
+        return Number(text, "suppression", OWN_CPU, tuple(label + 1 for label in labels))
+
+    def error_with(run: tuple[str, float], choice: str) -> Number:
+        return value("suppression", table, rows[run][choice], ERROR)
 
     answer, findings = TracedText(), list[TracedText]()
     for run in rows:
         way = "the reference" if run[0] == "rtol" else "the paper's scheme"
         left = [traced("{} m with {}", drift_with(run, choice), CHOICES[choice]) for choice in rows[run]]
-        findings.append(traced("At {}, {} drifts by {}.", setting_of(*run), way, listed(left)))
+        findings.append(traced("At {}, {} drifts by {}.", setting_of(*run), way, listed(left, last=", ")))
     for run in measured.groupby("parameter", sort=False)["step"].min().items():
         if run[0] == "rtol" and {"baumgarte", "projection"} <= rows[run].keys():
-            answer = traced("At {} Baumgarte's terms take {} times the engine time of projection and leave {} m of "
-                            "drift, projection {} m.", setting_of(*run), time_ratio(run, "baumgarte", "projection"),
-                            drift_with(run, "baumgarte"), drift_with(run, "projection"))
+            answer = traced("At {} Baumgarte's terms take {} times projection's time; drift {}, not {} m; error {}, "
+                            "not {} m.", setting_of(*run), time_ratio(run, "baumgarte", "projection"),
+                            *(cell(run, choice) for cell in (drift_with, error_with)
+                              for choice in ("baumgarte", "projection")))
         if {"none", "projection"} <= rows[run].keys():
             findings.append(traced("At {} projection takes {} times the engine time without stabilization.",
                                    setting_of(*run), time_ratio(run, "projection", "none")))
@@ -90,10 +102,11 @@ def present(results: Results) -> Presentation:
                Column(OWN_CPU, "engine time", "ms", "half", interval=True, scale=1e3),
                Column("rhs [-]", "right-hand sides"), Column(POSITION, "drift", "m, rad"),
                Column(VELOCITY, "velocity drift", "m/s"),
-               Column("position error [m]", "position error", "m", "position uncertainty [m]"),
+               Column(ERROR, "position error", "m", "position uncertainty [m]"),
                Column("reason", brief=False))
     shown = view("suppression", "Cost, drift and error of the reference and of the paper's scheme, by stabilization; "
-                 "all else is equal.", above_rounding(table.assign(half=half, setting=settings)), columns)
+                 "tolerance or step, and all else, are equal.",
+                 above_rounding(table.assign(half=half, setting=settings)), columns)
     every = [Column(name) for name in table if name not in ("settings", "version", "key")]
     runs = view("suppression-all", "Every run behind the stabilizations.", table, every, source="suppression",
                 in_report=False)

@@ -21,11 +21,11 @@ from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.measures.accuracy import graph, is_known
 from stiction.comparisons.measures.distances import l1
 from stiction.comparisons.methods import MISSING_ENGINE, called
-from stiction.comparisons.presentation import (Column, Number, Presentation, TracedText, interval, joined, listed,
-                                               sentence, traced, value, view)
+from stiction.comparisons.presentation import (Column, Number, Presentation, TracedText, listed, sentence, short,
+                                               traced, value, view, within)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
-from stiction.comparisons.studies.work_precision import Timed, TimedRun, cost_of, timed_comparison
+from stiction.comparisons.studies.work_precision import TOTAL, Timed, TimedRun, cost_of, timed_comparison
 from stiction.comparisons.timing.intervals import ratio_interval
 from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.variants import Record, Variant, scaled
@@ -43,7 +43,8 @@ PAPERS = Baumgarte(method="baumgarte", alpha=90, beta=10)
 LEFT_OUT, PAIRS = "blocks left out", "HLCP pairs in slip [-]"
 RATIO, LOW, HIGH = (f"engine cpu, of baseline{end} [-]" for end in ("", ", low", ", high"))
 """Ratio of times inside the engine's own calls, which are all of the reference's, and the ends of its interval."""
-HALF = "half the interval of the ratio [-]"
+LARGEST_ERROR = 1e-3
+"""Metres, from which on times to equal errors are compared."""
 MOTION = "position change [m]"
 KINDS = ("slip", "stick", "reversal", "corner")
 
@@ -167,28 +168,31 @@ def present(results: Results) -> Presentation:
               table[~table["status"].isin(["ok", MISSING_ENGINE])].groupby("variant", sort=False)] if len(table) else []
     if RATIO not in table or not (table["effect"] == BASELINE).any():
         return Presentation(findings=failed)
-    table[HALF] = np.maximum(table[RATIO] - table[LOW], table[HIGH] - table[RATIO])  # of a symmetric interval around it
     own = table[(table["engine"] == "reference") & (table["effect"] != BASELINE) & table[RATIO].notna()]
     removed = own[own["effect"].str.startswith("no ") & (own["effect"] != NO_STABILIZATION)]
     faster, slower = removed[removed[HIGH] < 1], removed[removed[LOW] > 1]
     same = removed.drop(index=[*faster.index, *slower.index])
     parts = [traced("{} without {}", value("effects", table, int(row), RATIO, ".2g"), _named(table.at[row, "effect"]))
              for row in faster.sort_values(RATIO).index[:3]]
-    baumgarte = [value("effects", table, int(row), RATIO, ".2g")
-                 for row in own.index[own["effect"].str.startswith(BAUMGARTE)]]
-    answer = joined(sentence("Of its time with all effects the reference takes {}.", listed(parts)),
-                    sentence("Baumgarte's terms instead of projection take {} times as long.", listed(baumgarte)))
+    baumgarte = [_ratio(table, row) for row in own.index[own["effect"].str.startswith(BAUMGARTE)]]
+    paid = sentence("{} with Baumgarte's terms at equal error", _at_equal_error(results))
+    answer = sentence("Time over that with all effects: {}.", listed(
+        [*filter(None, [listed(parts, ", ", ", "), paid])], "; ", "; "))
     longer = [traced("{} without {}", _ratio(table, row), _named(table.at[row, "effect"])) for row in slower.index]
     findings = [*_promise(table, faster),
+                sentence("At the same tolerance, by which their error is another, Baumgarte's terms take {} times as "
+                         "long as projection.", listed(baumgarte)),
                 sentence("Leaving an effect out can cost more time, as the motion changes: {}.", listed(longer)),
                 sentence("No distinguishable difference in time without: {}.", listed([*map(_named, same["effect"])])),
                 *(traced("Without any stabilization it takes {}; its motion changes by {} m.", _ratio(table, row),
                          value("effects", table, int(row), MOTION))
                   for row in own.index[own["effect"] == NO_STABILIZATION]), *failed]
-    notes = ("The time is that inside the engine's own calls, all of it for the reference, over that of the baseline, "
-             "which has all effects of the scene and projection against drift. With its effect the motion changes, "
-             "too, so that a scene may take longer without one. Other engines ignore the stabilization of a scene.",)
-    columns = (Column("effect"), Column(RATIO, "engine time, of baseline", uncertainty=HALF, interval=True),
+    notes = ("The time is that inside the engine's own calls, all of it for the reference. The baseline has all "
+             "effects of the scene, and projection against drift. In brackets stands the interval of the ratio. "
+             "Without an effect the motion differs, so a scene can take longer. Other engines ignore the stabilization "
+             "of a scene.",)
+    ratios = [_ratio(table, row).text if pd.notna(table.at[row, RATIO]) else "" for row in table.index]
+    columns = (Column("effect"), Column("ratio", "engine time, of baseline"),
                Column(MOTION, "position change"), Column("stick events"), Column("rhs [-]", "right-hand sides"),
                Column(PAIRS, "HLCP pairs"), Column(LEFT_OUT, brief=False),
                Column("velocity change [m/s]", "velocity change", brief=False),
@@ -196,8 +200,9 @@ def present(results: Results) -> Presentation:
                Column("reason", brief=False))
     shown = view("effects", "The scene without each of its effects, and with other stabilizations than projection. "
                  "Time inside the engine's own calls over the baseline's, which comes first; position: largest change "
-                 "of any body.", table, columns, group="variant" if table["variant"].nunique() > 1 else "")
-    every = [Column(name) for name in table if name not in ("settings", "version", "key", HALF)]
+                 "of any body.", table.assign(ratio=ratios), columns,
+                 group="variant" if table["variant"].nunique() > 1 else "")
+    every = [Column(name) for name in table if name not in ("settings", "version", "key")]
     runs = view("effects-all", "Every run behind the effects.", table, every, source="effects", in_report=False)
     return Presentation(answer, findings, tables=[shown, runs], notes=notes)
 
@@ -208,7 +213,22 @@ def _named(effect: str) -> str:
 
 
 def _ratio(table: pd.DataFrame, row: int) -> Number:
-    return interval("effects", table, int(row), RATIO, HALF)
+    return within("effects", table, int(row), RATIO, LOW, HIGH)
+
+
+def _at_equal_error(results: Results) -> TracedText:
+    """The least and the largest ratio of the times of Baumgarte's terms and of projection, over cases and errors."""
+    equal = results.table("equal-error")
+    if equal.empty:
+        return TracedText()
+    equal = equal[(equal["quantity"] == "position") & (equal["error"] <= LARGEST_ERROR) & equal[TOTAL].notna()]
+    over, under = ({(row["scene"], row["error"]): label for label, row in equal[equal["variant"] == name].iterrows()}
+                   for name in (f"reference, {BAUMGARTE}", "reference"))
+    pairs = [(over[key], under[key]) for key in over if key in under]
+    ratios = [equal.at[a, TOTAL] / equal.at[b, TOTAL] for a, b in pairs]
+    ends = dict.fromkeys(pairs[place] for place in (np.argmin(ratios), np.argmax(ratios))) if pairs else ()
+    return listed([traced("{}", Number(short(equal.at[a, TOTAL] / equal.at[b, TOTAL]), "equal-error", TOTAL,
+                                       (int(a) + 1, int(b) + 1))) for a, b in ends], last=" to ")
 
 
 def _promise(table: pd.DataFrame, faster: pd.DataFrame) -> list[TracedText]:

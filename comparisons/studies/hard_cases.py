@@ -13,7 +13,6 @@ from stiction.comparisons.presentation import (Column, Headline, HeatMap, Number
                                                count, listed, sentence, traced, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
-from stiction.engines.registry import OWN_METHODS
 
 HOSTILE = "hostile scenes"
 """Topic of the cases that are about the reader of scene files, not about a method."""
@@ -21,9 +20,9 @@ COUNTED = {"right": frozenset({RIGHT}), "declined": frozenset({DECLINED}),
            "not judged": frozenset({DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE, UNREAD}),
            "degraded": frozenset({DEGRADED}), "wrong": frozenset({WRONG, FAILED})}
 """Headings of the counts, and the verdicts that each counts."""
-SIGNS = {RIGHT: ("+", "#009E73"), DEGRADED: ("~", "#E69F00"), DECLINED: ("o", "#56B4E9"),
-         DECLINED_BY_ADAPTER: ("a", "#9CCBEA"), INEXPRESSIBLE: (".", "#DDDDDD"), UNREAD: ("-", "#DDDDDD"),
-         IMPULSIVE: ("i", "#CC79A7"), WRONG: ("x", "#D55E00"), FAILED: ("!", "#8B0000")}
+JUDGED = COUNTED["right"] | COUNTED["degraded"] | COUNTED["wrong"]
+SIGNS = {"right": ("+", "#009E73"), "declined": ("o", "#56B4E9"), "not judged": (".", "#DDDDDD"),
+         "degraded": ("~", "#E69F00"), "wrong": ("x", "#D55E00")}
 NOTES = ("Declined: by the method's own word. Not judged: our adapter or our reader declines it, the engine cannot "
          "express it, or goes on by impulses where no motion with finite forces exists.",
          "Degraded: less accurate than the method should be. Errors are relative to the size of what is measured.")
@@ -47,10 +46,11 @@ def present(results: Results) -> Presentation:
         counts[variant] = {name: count("hard", table, **about, verdict=verdicts) for name, verdicts in COUNTED.items()}
     first, *_ = counts
     cells = {variant: listed(list(numbers.values()), "/", "/") for variant, numbers in counts.items()}
-    answer = traced("Right/declined/not judged/degraded/wrong of {} mechanical cases: {}.",
-                    count("hard", table, variant=first, topic=topics),
-                    listed([traced("{} {}", called(first), cells[first]), *_engines(mechanical, cells)], "; ", "; "))
-    wide = mechanical.pivot(index="case", columns="variant", values="verdict").fillna("")
+    answer = traced("Wrong/judged of {} cases: {}.", count("hard", table, variant=first, topic=topics),
+                    listed([traced("{} {}", called(first), _wrong(table, mechanical, first)),
+                            *_others(table, mechanical, first)], "; ", "; "))
+    headings = {verdict: name for name, verdicts in COUNTED.items() for verdict in verdicts}
+    wide = mechanical.replace({"verdict": headings}).pivot(index="case", columns="variant", values="verdict").fillna("")
     cases = {str(topic): list(dict.fromkeys(rows["case"])) for topic, rows in mechanical.groupby("topic", sort=False)}
     order = [case for names in cases.values() for case in names]
     verdicts = HeatMap("hard-cases", "Verdicts on the mechanical hard cases, by topic: a row a case, a column an "
@@ -61,14 +61,20 @@ def present(results: Results) -> Presentation:
                         list(filter(None, [*NOTES, _hostile(tried[tried["topic"] == HOSTILE])])))
 
 
-def _engines(mechanical: pd.DataFrame, cells: dict[str, TracedText]) -> list[TracedText]:
-    """The engines with the most and the fewest right answers, at each fidelity."""
-    parts = []
-    for fidelity, rows in mechanical[~mechanical["engine"].isin(OWN_METHODS)].groupby("fidelity", sort=False):
-        right = rows["verdict"].eq(RIGHT).groupby(rows["variant"], sort=False).sum()
-        ends = dict.fromkeys((right.idxmax(), right.idxmin()))
-        said = [traced("{} {}", called(variant, False), cells[variant]) for variant in ends]
-        parts.append(traced("with {}s {}", str(fidelity), listed(said, " to ", " to ")))
+def _wrong(table: pd.DataFrame, mechanical: pd.DataFrame, variant: str) -> TracedText:
+    """``13/41``: the wrong answers of a method, of those that are judged."""
+    return traced("{}/{}", *(count("hard", table, variant=variant, topic=frozenset(mechanical["topic"]), verdict=chosen)
+                             for chosen in (COUNTED["wrong"], JUDGED)))
+
+
+def _others(table: pd.DataFrame, mechanical: pd.DataFrame, first: str) -> list[TracedText]:
+    """The methods with the smallest and the largest part of wrong answers among those that are judged, by fidelity."""
+    parts, judged = [], mechanical[mechanical["verdict"].isin(JUDGED) & (mechanical["variant"] != first)]
+    for fidelity, rows in judged.groupby("fidelity", sort=False):
+        share = rows["verdict"].isin(COUNTED["wrong"]).groupby(rows["variant"], sort=False).mean()
+        ends = dict.fromkeys((share.idxmin(), share.idxmax()))
+        said = [traced("{} {}", called(variant, False), _wrong(table, mechanical, variant)) for variant in ends]
+        parts.append(traced("{}s: {}", str(fidelity), listed(said, " to ", " to ")))
     return parts
 
 

@@ -22,14 +22,15 @@ import pandas as pd
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import REFERENCE, variants
 from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
+from stiction.comparisons.measures.drift import ROUNDING
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.measures.published_creep import CREEP as OURS
 from stiction.comparisons.measures.published_creep import ENGINE, MATCHED, PUBLISHED, UNCERTAINTY, published_creep
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.methods import at_equal_step, called, rank, succeeded, with_columns
 from stiction.comparisons.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Number, Panel,
-                                               Presentation, Series, TableView, TracedText, count, interval, listed,
-                                               sentence, traced, value, view)
+                                               Presentation, Series, TableView, TracedText, count, interval, joined,
+                                               listed, sentence, traced, value, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT, Subject
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -41,7 +42,7 @@ from stiction.comparisons.variants import (FRICTION_BY, OWN_CPU, UNMADE, Record,
                                            truth_key)
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import FIDELITIES, EngineFailure
-from stiction.engines.registry import load_engine
+from stiction.engines.registry import OWN_METHODS, load_engine
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
 
 PARAMETERS = ("part", "ramp", "v0", "limit", "mu", "mus")
@@ -62,6 +63,9 @@ TRUE_STEP = 1e-4
 """Seconds between samples of a truth."""
 STILL = 1e-9
 """m/s: a method holds if it creeps no faster, 32 mm in a year."""
+SURE = 2.0
+"""Uncertainties, each of an interval of 95 %, by which what is called creep exceeds `STILL`: the largest of a dozen
+runs at rest exceeds one of them."""
 USUAL = 0.9
 """Largest load, as a part of the limit, by which a method is judged: beyond it, small errors of the bound decide."""
 BAND = {"exponent": 0.2, "ratio": 0.01}
@@ -78,8 +82,9 @@ REST = "none: it rests"
 OBEYED, BROKEN, OPEN = "obeyed", "broken", "inconclusive"
 NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its steady slip speed there. A creep below "
          "the rounding of the coordinate over the run is 0.",
-         f"A method holds if it creeps no faster than {STILL:g} m/s. Creep is the median slope from 0.1 s on with its "
-         "interval, or the mean speed where that is outside; a creep that its interval leaves open decides nothing.",
+         f"A method holds if it creeps no faster than {STILL:g} m/s. Creep is the median slope after 0.1 s. If the "
+         "mean speed lies outside its interval, that is used. A method is undecided if its creep may exceed the limit, "
+         f"but by no more than {SURE:g} uncertainties.",
          f"A slider has let go at {LET_GO:g} m/s; the load at which the truth is as fast is subtracted.",
          "Where the adapter supplies the friction law, what creeps or lets go early may be ours. The load is there "
          "from the start: where mus > mu, a method that slips as it lands meets kinetic friction, which need not hold.",
@@ -268,7 +273,8 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
         row |= {CREEP: found.creep.value, UNSURE: found.creep.uncertainty}
         if trial.variant.parameter == "dt" and gravity:
             row[OF_STEP] = speed / (math.hypot(*gravity) * trial.step)
-        if zone := load_data()["regularization"].get(f"{trial.variant.engine}, {trial.variant.fidelity}"):
+        zone = load_data()["regularization"].get(f"{trial.variant.engine}, {trial.variant.fidelity}")
+        if zone in ends.settings:
             row[OF_ZONE] = speed / float(ends.settings[zone])
     if trial.test == HELD:
         row |= {LANDED: found.landing, LETS_GO: found.lets_go, PART: _part_of_bound(trial.scene, ends)}
@@ -307,21 +313,27 @@ def _break_away(trial: Trial, found: Slip, exact: Slip) -> dict[str, Any]:
 def fastest(runs: pd.DataFrame) -> Any:
     """Return the label of the run whose creep stands for all of them.
 
-    It is the fastest of those that exceed their uncertainty or let go; of runs that do not, the one with the largest
-    bound. What does not exceed its rounding counts as rest.
+    It is the fastest of those that are `moving`; of runs that are not, the one with the largest bound. What does not
+    exceed its rounding counts as rest.
     """
     speed = runs[CREEP].abs()
-    sure = speed[(speed > runs[UNSURE]) | runs[LETS_GO].eq(True)]
+    sure = speed[moving(runs)]
     return (sure if len(sure) else (speed + runs[UNSURE]).where(speed > 0, 0.0)).idxmax()
+
+
+def moving(runs: pd.DataFrame) -> pd.Series:
+    """Test which runs creep for sure, or let go."""
+    return (runs[CREEP].abs() > STILL + SURE * runs[UNSURE]) | runs[LETS_GO].eq(True)
 
 
 def methods_table(table: pd.DataFrame) -> pd.DataFrame:
     """A row per method at the step nearest to `COMMON_STEP`, on all scenes of the depth.
 
     `HOLDS`: every load of at most `USUAL` is held, within `STILL`; none where uncertainties leave it open. `CREEP`: the
-    `fastest` there, with its scene and load, and whether the slider lets go. ``failed``: the runs that failed.
+    `fastest` there, with its scene and load, and whether the slider lets go; `OF_ZONE`: that creep over the speed at
+    which the engine regularizes friction. ``failed``: the runs that failed.
     """
-    own = with_columns(table, CREEP, UNSURE, LETS_GO)
+    own = with_columns(table, CREEP, UNSURE, LETS_GO, OF_ZONE)
     own = own[own[SUBJECT].isna() & own[TEST].eq(HELD) & ~own["status"].isin(UNMADE)]
     rows = []
     for variant in own["variant"].unique():
@@ -332,16 +344,14 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
             continue
         row = {**runs.iloc[0][["variant", "engine", "fidelity", "truth"]], "failed": len(runs) - len(made)}
         if len(made):
-            speed = made[CREEP].abs()
-            worst = made.loc[fastest(made)]
-            moves = (speed > np.maximum(STILL, made[UNSURE])).any() or made[LETS_GO].eq(True).any()
-            unsure = np.maximum(speed, made[UNSURE]) > STILL
-            row |= {HOLDS: False if moves or len(made) < len(runs) else None if unsure.any() else True,
-                    LETS_GO: worst[LETS_GO], "scene": worst["scene"], LOAD: worst[LOAD], CREEP: abs(worst[CREEP]),
-                    UNSURE: worst[UNSURE]}
+            worst, unsure = made.loc[fastest(made)], made[CREEP].abs() + made[UNSURE] > STILL
+            moves = moving(made).any() or len(made) < len(runs)
+            row |= {HOLDS: False if moves else None if unsure.any() else True, LETS_GO: worst[LETS_GO],
+                    "scene": worst["scene"], LOAD: worst[LOAD], CREEP: abs(worst[CREEP]), UNSURE: worst[UNSURE],
+                    OF_ZONE: worst[OF_ZONE]}
         rows.append(row)
     return pd.DataFrame(rows, columns=["variant", "engine", "fidelity", "truth", "failed", HOLDS, LETS_GO, "scene",
-                                       LOAD, CREEP, UNSURE])
+                                       LOAD, CREEP, UNSURE, OF_ZONE])
 
 
 def laws_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -437,21 +447,24 @@ def present(results: Results) -> Presentation:
     if methods[CREEP].isna().all():
         return Presentation(TracedText("No run under a held load succeeded."), (_failed(methods),))
     ranked = methods[methods[CREEP].notna()].sort_values(CREEP, kind="stable")
-    creeping = ranked[ranked[LETS_GO].eq(True) | (ranked[CREEP] > np.maximum(STILL, ranked[UNSURE]))]
-    best = _best(settings)
-    answer = traced("Up to 90 % of the limit {} of {} methods hold{}.", count("hold-methods", methods, holds=True),
-                    count("hold-methods", methods, variant=frozenset(ranked["variant"])), _speeds(methods, creeping))
-    headline = Headline("creep up to 90 % of the limit [m/s]", {
+    creeping, best = ranked[moving(ranked)], _best(settings)
+    answer = traced("Up to 90 % of static friction {} hold{}.", listed([
+        traced("{} of {} {}", count("hold-methods", methods, holds=True, variant=frozenset(rows["variant"])),
+               count("hold-methods", methods, variant=frozenset(rows["variant"])), name)
+        for name, rows in (("engines", ranked[~ranked["engine"].isin(OWN_METHODS)]),
+                           ("of our own", ranked[ranked["engine"].isin(OWN_METHODS)])) if len(rows)]),
+                    _speeds(methods, ranked, creeping))
+    headline = Headline("creep up to 90 % of static friction [m/s]", {
         row["variant"]: TracedText("lets go") if row[LETS_GO] is True else
         traced("{}", _speed("hold-methods", methods, label)) for label, row in ranked.iterrows()})
     loads = sorted(table.loc[table[TEST] == HELD, LOAD].unique())
     by_load = _by_load(table, methods, loads)
     figures = [_over_load(by_load, loads), *([_over_cost(settings)] if len(settings) else [])]
     of_others, published = _published(results.table("hold-published"))
-    findings = (_named(ranked, creeping), _least(settings, best), *_laws(laws), of_others, _failed(methods))
+    findings = (*_named(table, ranked, creeping), _least(settings, best), *_laws(laws), of_others, _failed(methods))
     return Presentation(answer, tuple(filter(None, findings)), (headline,),
                         (*_tables(table, methods, settings, laws, by_load, loads), *published),
-                        tuple(figures), NOTES, _most_helpful(settings, best))
+                        tuple(figures), NOTES, joined(_regularized(methods, creeping), _most_helpful(settings, best)))
 
 
 def _at_rest(table: pd.DataFrame) -> pd.DataFrame:
@@ -464,22 +477,40 @@ def _speed(name: str, table: pd.DataFrame, label: Any) -> Number:
     return value(name, _at_rest(table), int(label), CREEP, unsure=UNSURE)
 
 
-def _speeds(methods: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
-    """The slowest and the fastest of those that creep, and the number of those that let go."""
-    creeping, gone = failing[~failing[LETS_GO].eq(True)], failing[failing[LETS_GO].eq(True)]
+def _speeds(methods: pd.DataFrame, ranked: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
+    """The slowest and the fastest of those that creep, and the number of those that let go or are undecided."""
+    def number(rows: pd.DataFrame) -> Number:
+        return count("hold-methods", methods, variant=frozenset(rows["variant"]))
+
+    gone = failing[LETS_GO].eq(True)
+    creeping, undecided = failing[~gone], ranked[ranked[HOLDS].isna()]
     ends = [traced("{} at {} m/s", called(creeping.at[label, "variant"]), _speed("hold-methods", methods, label))
             for label in dict.fromkeys((*creeping.index[:1], *creeping.index[-1:]))]
-    creep, let_go = (count("hold-methods", methods, variant=frozenset(rows["variant"])) for rows in (creeping, gone))
-    return traced("{}{}", sentence("; {} creep, {}", creep, listed(ends, last=" to ")),
-                  traced("; {} let go", let_go) if len(gone) else "")
+    parts = [traced("; {} creep, {}", number(creeping), listed(ends, last=" to "))] if ends else []
+    return listed([*parts, *(traced(words, number(rows)) for words, rows in (
+        ("; {} let go", failing[gone]), ("; {} undecided", undecided)) if len(rows))], "", "")
 
 
-def _named(ranked: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
-    """The methods that hold, and those that let go, by name."""
-    holding = listed([called(label) for label in ranked.loc[ranked[HOLDS].eq(True), "variant"]], "; ")
-    gone = listed([traced("{} (on {})", called(row["variant"]), row["scene"])
-                   for _, row in failing[failing[LETS_GO].eq(True)].iterrows()], "; ")
-    return traced("{}{}", sentence("At rest: {}.", holding), sentence(" Let go: {}.", gone))
+def _named(table: pd.DataFrame, ranked: pd.DataFrame, failing: pd.DataFrame) -> Iterator[TracedText]:
+    """The methods that hold, those that let go, with their break-away under a slow ramp, and the undecided, by name."""
+    for words, chosen in (("At rest: {}.", ranked[HOLDS].eq(True)), ("Undecided: {}.", ranked[HOLDS].isna())):
+        yield sentence(words, listed([called(variant) for variant in ranked.loc[chosen, "variant"]], "; ", "; "))
+    gone = []
+    for _, row in failing[failing[LETS_GO].eq(True)].iterrows():
+        errors = with_columns(at_equal_step(table, row["variant"]), BREAK_AWAY)[BREAK_AWAY].dropna()
+        ramp = [traced("; under a slow ramp it breaks away {} % off the limit", Number(
+            f"{100 * errors[label]:+.2g}", "hold", BREAK_AWAY, rows=(int(label) + 1,), factor=100.0))
+            for label in [errors.abs().idxmax()]] if len(errors) else []
+        gone.append(traced("{} (on {}{})", called(row["variant"]), row["scene"], *ramp, *[""] * (not ramp)))
+    yield sentence("Let go where the load acts at once: {}.", listed(gone, "; ", "; "))
+
+
+def _regularized(methods: pd.DataFrame, creeping: pd.DataFrame) -> TracedText:
+    """The creep of engines that state the speed at which they regularize friction, as a part of it."""
+    return sentence("Creep over the speed at which friction is regularized, a setting: {}.", listed([
+        traced("{} {}", called(methods.at[label, "variant"]),
+               value("hold-methods", methods, int(label), OF_ZONE, ".2g"))
+        for label in creeping.index if pd.notna(methods.at[label, OF_ZONE])]))
 
 
 def _best(settings: pd.DataFrame) -> list[int]:
@@ -594,7 +625,7 @@ def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, 
                    (Column(SUBJECT, "engine"), Column(SETTING), Column(CREEP, "creep", "m/s", UNSURE),
                     Column(SLOWER, "of the default's", form=".2g"), Column(TIME, "time, of the default's", form=".2g"),
                     Column("failed")))
-    if len(laws):
+    if len(laws[laws["over"] != REST] if len(laws) else laws):
         yield view("hold-laws", "Laws of creep over a setting: the exponent with which it grows, or the farthest ratio "
                    "of creep to what the law predicts.", laws,
                    (Column(SUBJECT, "engine"), Column("over"), Column("kind"), Column("law [-]", "law", form="g"),
@@ -610,7 +641,7 @@ def _by_load(table: pd.DataFrame, methods: pd.DataFrame, loads: Sequence[float])
     for _, method in methods.iterrows():
         runs = at_equal_step(own, method["variant"])
         held = _at_rest(runs[runs[TEST].eq(HELD) & runs[CREEP].notna()])
-        row = {**method[["variant", "fidelity", "scene", HOLDS]],
+        row = {**method[["variant", "fidelity", "scene"]], HOLDS: OPEN if pd.isna(method[HOLDS]) else method[HOLDS],
                FRICTION_BY: next(iter(runs[FRICTION_BY].dropna()), "")}
         for load in loads:
             if len(there := held[held[LOAD] == load]):
@@ -624,6 +655,9 @@ def _beyond(table: pd.DataFrame, methods: pd.DataFrame) -> Rows:
     """The worst landing, break-away, acceleration and stop of each method."""
     own = with_columns(table[table[SUBJECT].isna()], LANDED, BREAK_AWAY, BREAK_UNSURE, FASTER, STOPPED, STOP_UNSURE,
                        "bound")
+    exact = own[[LANDED, STOPPED]].abs() < ROUNDING
+    own = own.assign(**{column: own[column].mask(exact[column], 0.0) for column in exact},
+                     **{STOP_UNSURE: own[STOP_UNSURE].mask(exact[STOPPED])})
     found = []
     for _, method in methods.iterrows() if own[BREAK_AWAY].notna().any() else ():
         runs, row = at_equal_step(own, method["variant"]), {**method[["variant", "fidelity"]]}
@@ -641,14 +675,15 @@ def _over_load(by_load: Rows, loads: Sequence[float]) -> Chart:
         series = []
         for row, _ in by_load:
             known = [load for load in loads if f"creep at {load:g}" in row]
-            if row["fidelity"] == fidelity and known:
-                creep = np.array([row[f"creep at {load:g}"] for load in known], dtype=float)
+            creep = np.array([row[f"creep at {load:g}"] for load in known], dtype=float)
+            if row["fidelity"] == fidelity and creep.any():
                 series.append(Series(row["variant"], 100 * np.array(known), np.clip(creep, *ENDS),
                                      look=row["variant"], points=True))
         if series:
             panels.append(Panel(f"{fidelity} fidelity", Axis("load [% of the limit]"), SPEEDS, series))
     return Chart("hold", "Creep over load, the fastest on any scene, at the step nearest to 1 ms or the tightest "
-                 f"tolerance. {EDGES}", panels, columns=2, height=2.8, share_y=True)
+                 f"tolerance. Methods at rest under every load are not drawn. {EDGES}", panels, columns=2, height=2.8,
+                 share_y=True)
 
 
 def _over_cost(settings: pd.DataFrame) -> Chart:

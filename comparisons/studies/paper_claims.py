@@ -356,12 +356,12 @@ def present(results: Results) -> Presentation:
         return Presentation()
     said = [traced("{} {}", number, words[number.text != "1"]) for verdict, words in WORDS.items()
             if (number := count("claims", table, verdict=verdict)).text != "0"]
-    answer = traced("Of {} statements of the paper {}.", count("claims", table), listed(said))
+    answer = traced("Of {} statements {}.", count("claims", table), listed(said))
     rarest = table.sort_values("verdict", key=lambda verdicts: verdicts.map(verdicts.value_counts()), kind="stable")
     stretches = [str(column) for column in table if str(column).startswith(MARGIN)]
     rarest["margins"] = ["; ".join(f"{name.removeprefix(MARGIN)}: {row[name]:.2g}" for name in stretches
                                    if pd.notna(row[name])) for row in rarest.to_dict("records")]
-    short = (Column("case"), Column("verdict"), Column("claim", "statement"))
+    short = (Column("case"), Column("verdict"), Column("claim", "statement"), Column("why"))
     columns = (*short, Column("place", "where"), Column("margins"), Column("run needed [s]", "run needed"),
                Column("step needed [s]", "step needed"))
     tables = [view("claims-open", "The paper's statements about its example (Sect. 5) that do not simply hold.",

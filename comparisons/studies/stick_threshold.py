@@ -12,9 +12,10 @@ import pandas as pd
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import extent, threshold_variants
 from stiction.comparisons.measures.settling import MOST_PERIODS, SETTLED, NotSettled, common_period, settled
-from stiction.comparisons.methods import MISSING_ENGINE, called
+from stiction.comparisons.methods import MISSING_ENGINE, called, with_columns
 from stiction.comparisons.presentation import (Axis, Chart, Column, Headline, Number, Panel, Presentation, Series,
-                                               TracedText, interval, listed, traced, view)
+                                               TracedText, interval, listed, sentence, traced, view)
+from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.proof.truth import threshold_of_theorem
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -45,6 +46,10 @@ FIRST_STEP, FIRST_PART = 8, 0.02
 that it begins at."""
 LOCATED_WIDTH = 1e-9
 """N; width of the bracket of an engine with located events."""
+SETTLES = 0.25
+"""Part of an error by which the last refinement may still change it where it is said to be one: with more, finer steps
+may remove it."""
+CHANGE = "change from coarser step [N]"
 MOST_NAMED = 3
 """Methods that the answer names one by one."""
 TRUTH = "threshold truth"
@@ -305,7 +310,7 @@ def threshold_table(scene: Scene, variants: Sequence[Variant], outcomes: Sequenc
     change = middle.dropna().groupby(table["variant"]).diff().abs().reindex(table.index)
     width = ends[WITHOUT_STICK] - ends[WITH_STICK]
     return table.assign(**ends, **{MIDDLE: middle, ERROR: middle - table["truth [N]"].astype(float),
-                                   UNCERTAINTY: width + residual + change.fillna(0.0)})
+                                   UNCERTAINTY: width + residual + change.fillna(0.0), CHANGE: change})
 
 
 def present(results: Results) -> Presentation:
@@ -313,18 +318,21 @@ def present(results: Results) -> Presentation:
     table = results.table("threshold")
     if table.empty or ERROR not in table or table[ERROR].isna().all():
         return Presentation()
+    table = with_columns(table, CHANGE).assign(setting=list(map(setting_of, table["parameter"], table["step"])))
     measured = table[table[ERROR].notna()]
     finest = measured.loc[measured.groupby("variant", sort=False)["step"].idxmin()]
     off = {variant: interval("threshold", table, int(row), ERROR) for row, variant in finest["variant"].items()}
     row = int(measured.index[0])
     truth = Number(known(table.at[row, "truth [N]"], table.at[row, "truth uncertainty [N]"]), "threshold", "truth [N]",
                    rows=(row + 1,))
-    clearly = finest[finest[ERROR].abs() > finest[UNCERTAINTY]].sort_values(ERROR, key=abs, kind="stable")["variant"]
-    methods = [traced("{} ({} N)", called(variant), off[variant]) for variant in clearly]
-    if len(methods) > MOST_NAMED:  # the table has those between
-        methods = [traced("from {} to {}", methods[0], methods[-1])]
-    answer = traced("The slider sticks up to F0 = {} N. {}", truth,
-                    traced("Clearly off: {}.", listed(methods)) if methods else "No method is clearly off.")
+    beyond = finest[finest[ERROR].abs() > finest[UNCERTAINTY]].sort_values(ERROR, key=abs, kind="stable")
+    steps = finest.loc[finest["parameter"] == "dt", "step"]
+    moves = beyond["parameter"].eq("dt") & ((beyond["step"] > steps.min())
+                                            | ~(beyond[CHANGE] < SETTLES * beyond[ERROR].abs()))
+    clearly, moving = (listed(_named([traced("{} ({} N)", called(variant), off[variant]) for variant in names]))
+                       for names in (beyond.loc[~moves, "variant"], beyond.loc[moves, "variant"]))
+    answer = traced("The slider sticks up to F0 = {} N. {}{}", truth, sentence("Clearly off: {}.", clearly)
+                    or "No method is clearly off.", sentence(" Inconclusive at its finest step: {}.", moving))
     installed = table.loc[table["status"] != MISSING_ENGINE, "variant"].unique()
     none = [called(variant) for variant in installed if variant not in off]
     findings = [traced("No threshold was found for {}.", listed(none))] if none else []
@@ -333,7 +341,7 @@ def present(results: Results) -> Presentation:
                  for row in proven.to_dict("records") if "lies between" in (text := row["theorem"])]
     headline = Headline("stick limit off [N]", {variant: traced("{}", number) for variant, number in off.items()})
     columns = (Column("variant", "method"), Column("fidelity"), Column("mus", form="g"),
-               Column("parameter", "refined by", brief=False), Column("step", form="g"),
+               Column("setting"),
                Column(WITH_STICK, "sticks at", "N", form=".6g", brief=False),
                Column(WITHOUT_STICK, "slips at", "N", form=".6g", brief=False),
                Column(ERROR, "F0 less truth", "N", UNCERTAINTY, interval=True), Column("runs", brief=False),
@@ -343,8 +351,14 @@ def present(results: Results) -> Presentation:
     whole = view("threshold-all", "The threshold at every step.", table, columns, source="threshold", in_report=False)
     notes = ("The uncertainty is the width of the bracket that the search ends with, and the change from the next "
              "coarser step. Brackets are not ranked: a method is off only where its error is larger than its "
-             "uncertainty.",)
+             "uncertainty. Its step must be the finest of all, and must have changed the error by less than "
+             f"{100 * SETTLES:g} %.",)
     return Presentation(answer, tuple(findings), (headline,), (shown, whole), (_figure(measured),), notes)
+
+
+def _named(methods: list[TracedText]) -> list[TracedText]:
+    """All of them, or the first and the last where they are many: the table has those between."""
+    return methods if len(methods) <= MOST_NAMED else [traced("from {} to {}", methods[0], methods[-1])]
 
 
 def _figure(measured: pd.DataFrame) -> Chart:

@@ -133,15 +133,17 @@ def _window(t: np.ndarray, values: np.ndarray, events: Iterable[Event], centre: 
 def summed_up(jumps: pd.DataFrame, *by: str) -> pd.DataFrame:
     """A row per group of jumps, with the columns `ABOUT` of its first.
 
-    ``read``, ``jumps``: the jumps that are read, of all; ``share``, their ratio; ``worst``: the row with the largest
-    bound; `BOUND`, `LATE`: the largest; ``bound``: that in words, rounded up; ``keys``: of the runs.
+    ``read``, ``jumps``: the jumps that are read, of all; ``share``, their ratio; of those that are read `BOUND`,
+    `LATE`: the largest; ``worst``: the row with that bound; ``bound``: it in words, rounded up; ``keys``: of the runs.
     """
     jumps = jumps[jumps[BOUND].notna()]
     late = jumps[LATE].abs() if LATE in jumps else np.nan
-    groups = jumps.assign(**{LATE: late}, read=jumps["resolved"].eq(True)).groupby(list(by), sort=False)
-    found = groups.agg(read=("read", "sum"), jumps=("read", "size"), worst=(BOUND, "idxmax"),
-                       keys=("key", frozenset)).join(groups[[BOUND, LATE]].max())
-    found = found.assign(share=found["read"] / found["jumps"], bound=found[BOUND].map(rounded_up))
+    jumps = jumps.assign(**{LATE: late}, read=jumps["resolved"].eq(True))
+    found = jumps.groupby(list(by), sort=False).agg(read=("read", "sum"), jumps=("read", "size"),
+                                                    keys=("key", frozenset))
+    read = jumps[jumps["read"]].groupby(list(by), sort=False)
+    found = found.join(read[[BOUND, LATE]].max()).join(read[BOUND].idxmax().rename("worst"))
+    found = found.assign(share=found["read"] / found["jumps"], bound=found[BOUND].map(rounded_up, na_action="ignore"))
     return jumps.drop_duplicates(list(by))[ABOUT].join(found, on=list(by)).reset_index(drop=True)
 
 
@@ -155,17 +157,16 @@ def present(results: Results) -> Presentation:
     if found.empty:
         return Presentation()
     read = _spans(found, "share", lambda method: _counts(table, method))
-    answer = joined(_own(table, found), sentence("Engines read {}.", listed(read, ", ", ", ")))
-    headline = Headline("jumps read, worst bound [N m]", {
-        method.variant: traced("{}, {}", _counts(table, method), _bound(method)) for method in found.itertuples()})
+    answer = joined(_own(table, found), sentence("Engines: {}.", listed(read, ", ", ", ")))
+    headline = Headline("jumps read, bound of these [N m]", {
+        method.variant: listed([_counts(table, method), *_bounds(method)], last=", ") for method in found.itertuples()})
     chosen = list(found["variant"])
-    over_step = step_chart("torque", "Bound for the error of the worst jump over the step; a jump that is not read "
-                           "counts with its whole size. Dotted: the slope of first order.",
+    over_step = step_chart("torque", "Bound for the error of the worst jump that is read over the step. The tables "
+                           "have the number of those that are not. Dotted: the slope of first order.",
                            summed_up(table, "key"), chosen, BOUND, "bound [N m]")
-    notes = (f"A jump counts as read if it is found within {1e3 * LATEST:g} ms of its time, beyond the uncertainty of "
-             f"that, and is off by less than {100 * FARTHEST:g} % of its size. "
-             "A jump that is not read counts with its whole size at least.",
-             "Bound: the largest error and its uncertainty together, over all jumps of the truth; rounded up.",
+    notes = (f"A jump is read if its time is right within {1e3 * LATEST:g} ms plus the time's uncertainty, and its "
+             f"size within {100 * FARTHEST:g} %. One that is not read has no bound.",
+             "Bound: the largest error and its uncertainty together, over all jumps that are read; rounded up.",
              "Methods that locate events have both sides of a jump; of others it is read off samples every 2 ms.")
     return Presentation(answer, _findings(table, found), [headline],
                         [_by_method(table, equal, found), *_by_scene(table)],
@@ -182,19 +183,20 @@ def _counts(table: pd.DataFrame, method: Any) -> TracedText:
     return traced("{}/{}", _counted(table, method, True), _counted(table, method, True, False))
 
 
-def _bound(method: Any) -> Number:
-    return Number(method.bound, "torque", BOUND, rows=(method.worst + 1,))
+def _bounds(method: Any) -> list[Number]:
+    """The bound of the jumps that are read; none without any."""
+    return [Number(method.bound, "torque", BOUND, rows=(int(method.worst) + 1,))] if method.read else []
 
 
 def _own(table: pd.DataFrame, found: pd.DataFrame) -> TracedText:
     """The methods of the reference, each with its worst jump."""
     own = list(found[found["engine"] == REFERENCE].itertuples())
-    parts = [traced("{} reads {} jumps within {} N m", called(method.variant), _counts(table, method), _bound(method))
-             for method in own[:1]]
+    parts = [traced("{} reads {}{}", called(method.variant), _counts(table, method),
+                    sentence(" within {} N m", listed(_bounds(method)))) for method in own[:1]]
     for method in own[1:]:
         is_alike = (method.read, method.jumps) == (own[0].read, own[0].jumps)
-        read = "" if is_alike else traced("{} ", _counts(table, method))
-        parts.append(traced("{} {}within {}", called(method.variant), read, _bound(method)))
+        read = "" if is_alike else traced("{} within ", _counts(table, method))
+        parts.append(traced("{} {}{}", called(method.variant), read, listed(_bounds(method))))
     said = sentence("{}.", listed(parts, ", ", ", "))
     return replace(said, text=said.text[:1].upper() + said.text[1:])
 
@@ -214,18 +216,20 @@ def _spans(found: pd.DataFrame, column: str, words: Callable[[Any], TracedText],
 def _findings(table: pd.DataFrame, found: pd.DataFrame) -> list[TracedText]:
     sizes = table[TRUE_JUMP].abs()
     ends = [value("torque", table, int(row), TRUE_JUMP, ".2g") for row in (sizes.idxmin(), sizes.idxmax())]
-    bounds = _spans(found, BOUND, lambda method: traced("{}", _bound(method)), " N m")
+    bounds = _spans(found[found["read"] > 0], BOUND, lambda method: listed(_bounds(method)), " N m")
     unread = [traced("{} ({} of {})", called(method.variant), _counted(table, method, False),
                      _counted(table, method, True, False)) for method in found[found["share"] < 1].itertuples()]
     return [traced("The true jumps measure {} to {} N m.", *ends),
-            sentence("The worst jump of an engine is off by at most {}.", listed(bounds, ", ", ", ")),
-            sentence("Jumps that were not read: {}.", listed(unread))]
+            sentence("Bounds for the jumps that engines read: {}.", listed(bounds, ", ", ", ")),
+            sentence("Our reader does not find these in the runs, often as an effort rings after a jump: {}.",
+                     listed(unread))]
 
 
 def _by_method(table: pd.DataFrame, equal: pd.DataFrame, found: pd.DataFrame) -> TableView:
     """A row per method: jumps read and worst bound, of all cases and of each."""
     cases = summed_up(equal, "variant", "scene")
-    cases["text"] = [f"{case.read}/{case.jumps}, {case.bound}" for case in cases.itertuples()]
+    cases["text"] = [f"{case.read}/{case.jumps}" + (f", {case.bound}" if case.read else "")
+                     for case in cases.itertuples()]
     texts, methods_found = cases.pivot(index="variant", columns="scene", values="text"), found.set_index("variant")
     rows = []
     for group, there in groups(table):
@@ -238,7 +242,7 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, found: pd.DataFrame) ->
                Column("jumps", "of", form=".0f"), Column("bound", unit="N m"),
                *(Column(case_of(scene), unit="N m") for scene in table["scene"].unique()))
     return view("torque", "Jumps of the driving torque that each method reads at the step nearest to 1 ms or the "
-                "tightest tolerance, and a bound for the error of the worst; by case: read/all, bound.",
+                "tightest tolerance. Bound: for the error of the worst of these; by case: read/all, bound.",
                 rows, columns, group="group")
 
 

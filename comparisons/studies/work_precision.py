@@ -67,7 +67,7 @@ Rows = Callable[[Sequence[Record], Sequence[Timing | None]], Iterable[dict[str, 
 
 def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None, repeats: int, rows: Rows,
                      budget_s: float = math.inf) -> Comparison[Timed]:
-    """Time runs in at least `repeats` rounds, those of a variant for at most `budget_s`; `rows` makes the table."""
+    """Time runs in at least `repeats` rounds, those of a variant beyond `budget_s` once; `rows` makes the table."""
     jobs = []
     for run in runs:
         made = job(run.scene, run.variant, run.step, t_end=t_end, **run.settings)
@@ -98,7 +98,7 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     repeats
         Rounds in which every run is timed, at least; times are medians.
     budget_s
-        CPU seconds that the rounds of one series may take. Finer runs have an error and no time; `TIMING` says why.
+        CPU seconds that the rounds of one series may take. Finer runs are timed once, as `TIMING` says.
     """
     size = size_of(scene)
 

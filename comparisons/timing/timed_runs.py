@@ -38,19 +38,22 @@ def call_of(task: Task) -> str:
     return digest([task.function.__module__, task.function.__qualname__, task.args])
 
 
-def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated: Isolate, timeout_s: float,
+def time_runs(simulations: Iterable[tuple[Task, Outcome, bool]], least: int, isolated: Isolate, timeout_s: float,
               on_result: Callable[[Outcome], None] | None = None) -> dict[str, Timing]:
     """Time the simulations that succeeded, by `computation`: in `least` rounds at least, one run at a time.
 
-    Options are those of `stiction.comparisons.campaigns.comparison.make`; a visit may take as long as a run.
+    Each comes with whether it is in the first round alone. Options are those of
+    `stiction.comparisons.campaigns.comparison.make`; a visit may take as long as a run.
     """
     tasks: dict[str, Task] = {}
     runs: dict[str, Trajectory] = {}
-    for task, outcome in simulations:
+    in_all: set[str] = set()
+    for task, outcome, once in simulations:
         if outcome.status == "ok":
             key = computation(task, outcome.value)
             tasks.setdefault(key, Task(task.label, visit, task.args))
             runs.setdefault(key, outcome.value)
+            in_all.update(() if once else (key,))
     failures: dict[str, str] = {}
     rounds = count(1)
 
@@ -63,23 +66,21 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome]], least: int, isolated:
                          for key, outcome in made.items() if outcome.status != "ok"})
         return {key: replace(outcome.value, others=cores) for key, outcome in made.items() if key not in failures}
 
-    samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least)
+    samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least, once=runs.keys() - in_all)
     return {key: Timing(runs[key], tuple(found), failures.get(key, "")) for key, found in samples.items()}
 
 
-def with_time(task: Task, outcome: Outcome, times: Mapping[str, Timing], budget_s: float | None) -> Outcome:
+def with_time(task: Task, outcome: Outcome, times: Mapping[str, Timing], is_timed: bool) -> Outcome:
     """Give a simulation that succeeded the medians of its computation as its cost; nan where it was not timed alone.
 
-    With a budget its value becomes its `Timing`: without samples for a step beyond `budget_s` of its refinement series.
+    Of a comparison that is timed its value becomes its `Timing`.
     """
     if outcome.status != "ok" or not is_simulation(task):
         return outcome
-    reason = f"not timed: the rounds of its refinement series, up to this step, take more than {budget_s:g} s" \
-        if budget_s is not None else ""
-    timing = times.get(computation(task, outcome.value), Timing(outcome.value, reason=reason))
+    timing = times.get(computation(task, outcome.value), Timing(outcome.value))
     setup, stepping, own = (timing.interval(name).value for name in ("setup_s", "stepping_s", "own_s"))
     run = replace(outcome.value, cost=replace(outcome.value.cost, setup_s=setup, stepping_s=stepping, engine_s=own))
-    return replace(outcome, value=run if budget_s is None else replace(timing, trajectory=run))
+    return replace(outcome, value=replace(timing, trajectory=run) if is_timed else run)
 
 
 def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:

@@ -13,6 +13,7 @@ from stiction.comparisons.methods import stored_keys
 from stiction.comparisons.presentation import MechanismPicture
 from stiction.comparisons.presentation.cells import MISSING, NULL
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED
+from stiction.comparisons.uncertain import rounded_up
 from stiction.reports.figures.charts import drawn
 from stiction.reports.figures.style import Drawing, rc, save_all
 from stiction.reports.markdown.failures import failed_runs, grouped
@@ -97,7 +98,7 @@ def _truths(accuracy: pd.DataFrame) -> list[str]:
     compared = accuracy[accuracy["truth tier"] != NO_TRUTH]
     found = compared.groupby(["truth", "truth tier"], sort=False)[there].max().reset_index()
     found = found.sort_values("truth tier", key=lambda tiers: tiers.map(BEST_FIRST.index), kind="stable")
-    found[there] = found[there].map(lambda value: MISSING if pd.isna(value) else f"± {value:.1e}")
+    found[there] = found[there].map(lambda value: MISSING if pd.isna(value) else f"± {rounded_up(value)}")
     return [fitted(found.rename(columns={**columns, "truth tier": "tier"}))]
 
 

@@ -269,11 +269,12 @@ def test_presentation():
             [RIGHT], [DECLINED], [DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE], [DEGRADED], [WRONG, FAILED]))
     assert counts(results) == expected and len(expected) == 3
     said = present(results)
-    assert said.answer.text.startswith(f"Right/declined/not judged/degraded/wrong of {table['case'].nunique()} mechanical cases: the reference {expected['reference']}")
+    assert said.answer.text == "Wrong/judged of 2 cases: the reference 0/2; joints: trial and error 0/1 to Moreau 2/2."
     assert any(f"Hostile files are {hostile['case'].nunique()} more" in note for note in said.notes)
     [heat] = said.figures
     wide = table.pivot(index="case", columns="variant", values="verdict")
-    assert [list(row) for row in heat.cells] == wide.loc[list(heat.rows), list(heat.columns)].to_numpy().tolist()
+    assert heat.cells == wide.loc[list(heat.rows), list(heat.columns)].replace({RIGHT: "right", DECLINED: "declined", WRONG: "wrong"}).to_numpy().tolist()
+    assert list(heat.categories) == said.tables[0].heads()[1:]  # the kinds of the table
     mutated = results.tables["hard"].copy()
     mutated.loc[0, "verdict"] = WRONG
     assert counts(replace(results, tables={"hard": mutated})) != expected

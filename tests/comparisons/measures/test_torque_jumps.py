@@ -61,6 +61,16 @@ def test_sizes_are_unsure_by_the_noise(step):
     assert np.mean([read(sampled(step, 0.3, 0.0, noise=0.1, seed=seed)) is not None for seed in range(200)]) < 0.1
 
 
+@pytest.mark.parametrize("phase", [0.1, 0.5, 0.9])
+def test_a_jump_that_rings_is_read(phase):
+    """As pymunk's with contact in case 3, every 2 ms: by 2.5 N m in one step, then a swing of 0.7 N m that decays in 10 ms."""
+    run = sampled(2e-3, phase, -2.5)
+    since = np.maximum(run.t - AT, 0.0)
+    ringing = 0.7 * np.sin(2 * np.pi * since / 8e-3) * np.exp(-since / 5e-3) * (run.t > AT)
+    found = read(replace(run, columns={EFFORT: run[EFFORT] - ringing}))
+    assert found is not None and abs(found.size + 2.5) < 0.5 * 2.5 and abs(found.time - AT) < 0.01 + found.time_uncertainty
+
+
 def test_nothing_is_read_from_beyond_other_events():
     """Another jump 40 ms later, as large: left out with samples of 1 ms; too few on one side with those of 10 ms."""
     fine, coarse = (sampled(step, 0.3, 1.0) for step in (1e-3, 1e-2))

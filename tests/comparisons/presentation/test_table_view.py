@@ -15,7 +15,8 @@ RUNS = pd.DataFrame({"position error [m]": [1e-3, 1e-9], "position uncertainty [
     (Column("position error [m]"), "position error [m]", ["0.001", "1e-09"]),  # every column as it is
     (Column("position error [m]", "error", form=".1e"), "error [m]", ["1.0e-03", "1.0e-09"]),
     (Column("count [-]", "runs"), "runs", ["1", "2"]),
-    (Column("count [-]", "runs", bound="sign", second="part [s]"), "runs", ["≤1 (0.5)", "2"])])
+    (Column("count [-]", "runs", bound="sign", second="part [s]"), "runs", ["≤1 (0.5)", "2"]),
+    (Column("part [s]", "time", "ms", scale=1e3, bound="sign", second="part [s]"), "time [ms]", ["≤500", "–"])])  # both are the same
 def test_a_column_with_a_label_takes_unit_and_uncertainty_from_its_name(column, head, cells):
     shown = view("runs", "Runs.", RUNS, [column])
     assert (shown.heads(), [row[0] for row in shown.cells()]) == ([head], cells)

@@ -11,7 +11,7 @@ from stiction.comparisons.presentation import ANSWER_LENGTH
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.accuracy import largest_differences, present
 from stiction.comparisons.truth import CLOSED_FORM, Truth
-from stiction.scenes import Trajectory
+from stiction.scenes import Event, Trajectory
 
 ERRORS = {"reference": (1e-12, 2e-12, 3e-12), "paper's scheme": (2e-4, 1e-4, 1e-6), "pymunk": (1e-3, 2e-3, 4.5e-3),
           "PyBullet": (9e-4, 1e-3, 9.4e-3), "pymunk, contact": (1e-3, 2e-3, 2.9e-3)}
@@ -44,17 +44,22 @@ def test_the_answer_is_the_worst_case_of_each():
     assert cells(said) == {label: f"{max(sizes):.2g}" for label, sizes in ERRORS.items()}
 
 
+def closest(made):
+    [table] = [table for table in present(made).tables if table.name == "accuracy-closest"]
+    assert [row[0] for row in table.cells()] == ["joint, mus > mu", "contact, mus > mu"]  # pages and prints have no rows of groups
+    return table.cells(brief=True)
+
+
 def test_the_closest_is_closest_in_its_worst_case():
     """PyBullet is closer in two cases of three; in the third it is twice as far off."""
-    assert "is pymunk, 4.5 mm" in sentences(present(results()))
+    assert closest(results()) == [["pymunk", "2", "adapter", "nobody", "0.0045", "case 3"], ["pymunk", "1", "adapter", "nobody", "0.0029", "case 3"]]
     better = results({**ERRORS, "PyBullet": (9e-4, 1e-3, 4.4e-3)})
-    assert "is PyBullet, 4.4 mm" in sentences(present(better))
-    assert not wrong_numbers(present(better), better)
+    assert closest(better)[0] == ["PyBullet", "2", "adapter", "nobody", "0.0044", "case 3"]
 
 
 def test_indistinguishable_errors_are_not_ranked():
     made = results({**ERRORS, "PyBullet": (9e-4, 1e-3, 4.5e-3)})
-    assert "pymunk and PyBullet, 4.5 mm" in sentences(present(made))
+    assert closest(made)[0][:2] == ["pymunk, PyBullet", "2"]
 
 
 @pytest.mark.parametrize("status, reason", [("failed", "why"), ("crashed", "signal 11"), ("refused", "cannot"),
@@ -64,7 +69,7 @@ def test_failing_in_the_worst_case_does_not_improve_a_method(status, reason):
     said = present(made := results(lost={("pymunk", CASES[2])}, status=status, reason=reason))
     word = "declined" if status == "refused" else "failed"
     assert cells(said)["pymunk"] == f"0.002, 1 of 3 {word}" and not wrong_numbers(said, made)
-    assert "PyBullet, 9.4 mm" in sentences(said) and "pymunk (1 of 3)" in sentences(said)
+    assert closest(made)[0][:2] == ["PyBullet", "1"] and "pymunk (1 of 3)" in sentences(said)
     row = said.tables[0].frame.set_index("method").loc["pymunk"]
     assert row["failed"] == f"case 3: {reason}" and np.isnan(row["position error [m], case 3"])
 
@@ -82,8 +87,8 @@ def test_where_every_run_failed_it_says_so():
 def test_tables_and_figures_have_every_run_where_it_belongs():
     said = present(results())
     whole = {table.name: table for table in said.tables}
-    assert list(whole) == ["accuracy", *(f"accuracy-{case}" for case in CASES)]
-    assert [table.in_report for table in said.tables] == [True, False, False, False]
+    assert list(whole) == ["accuracy", "accuracy-closest", *(f"accuracy-{case}" for case in CASES)]
+    assert [table.in_report for table in said.tables] == [True, True, False, False, False]
     assert whole["accuracy"].frame["group"].tolist() == ["joint, mus > mu"] * 4 + ["contact, mus > mu"]
     assert whole[f"accuracy-{CASES[1]}"].rows[0] == (3,)  # the first run of the second case
     figures = {figure.name: figure for figure in said.figures}
@@ -93,6 +98,19 @@ def test_tables_and_figures_have_every_run_where_it_belongs():
     [line] = [series for series in first.series if series.label == "pymunk"]
     assert list(line.x) == [1e-3, 1e-2] and list(line.y) == [1e-3, 1e-2]  # at the steps themselves
     assert len(figures["difference-torque"].panels) == 6
+
+
+def test_events_are_counted_of_the_kinds_that_a_method_reports():
+    """Two reversals and three corners a case; the reference finds all, the scheme no corner, pymunk one of two reversals."""
+    made = results()
+    table = made.tables["accuracy"]
+    for label, (matched, reversals, corners) in {"reference": (5, 0, 0), "paper's scheme": (2, 0, 3), "pymunk": (1, 1, 3)}.items():
+        table.loc[table["variant"] == label, ["events matched", "events missed", "events spurious", "reversal events missed", "corner events missed"]] = [
+            matched, reversals + corners, 0, reversals, corners]
+    events = tuple(Event(0.001 * number, kind, "guide", {}, {}) for number, kind in enumerate(["reversal"] * 2 + ["corner"] * 3))
+    made = replace(made, truths={name: replace(truth, events=events) for name, truth in made.truths.items()})
+    shown = present(made).tables[0].frame.set_index("method")["events"]
+    assert list(shown[["reference", "paper's scheme", "pymunk"]]) == ["15/0/0", "6/0/0; no corner", "3/3/0; no corner"]
 
 
 def test_differences_are_taken_where_the_truth_is_stored():

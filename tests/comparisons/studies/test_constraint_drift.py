@@ -8,7 +8,7 @@ from made_up_runs import sentences, wrong_numbers
 from stiction.comparisons.campaigns.participants import validation_campaign
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.drift import ROUNDING
-from stiction.comparisons.measures.drift_growth import GROWS, INCONCLUSIVE
+from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.constraint_drift import JOINT_COORDINATES, POSITION, STUDY, VELOCITY
 from stiction.comparisons.studies.study import Scope
@@ -56,8 +56,21 @@ def test_drift_is_the_largest_of_all_cases_at_equal_step():
     assert position == {"still": "0", "slow": "7e-11", "touching": "0.003"}  # 2e-15 m is rounding
     assert velocity == {"still": "4e-05", "slow": "0", "touching": "0.02"}
     assert all(number.text == "0" and results.tables["drift"][number.column].iloc[number.rows[0] - 1] < ROUNDING for number in wrong_numbers(said, results))
-    assert "2 of 6 runs (slow; up to 7e-11 m)" in sentences(said)
+    assert "2 of 6 runs (slow; up to 7e-11 m)" in sentences(said) and "bounded" not in said.answer.text
     assert list(said.tables[0].frame["growth"])[-1] == "inconclusive, t^(0.8 ± 0.5)"
+
+
+def test_methods_that_are_as_far_off_are_all_named_and_an_offset_is_no_growth():
+    """A velocity that is printed alike is that of both; zero is largest in no case."""
+    results = made_up()
+    table = results.tables["drift"]
+    table.loc[table["variant"] == "slow", "growth"] = BOUNDED
+    alike = (table["variant"] == "slow") & (table["scene"] == SCENES[1])
+    table.loc[alike, VELOCITY] = 4.01e-5
+    said = STUDY.presented(results)
+    assert "7e-11 m (slow; bounded) and 4e-05 m/s (slow, still) at joints; 0.003 m and 0.02 m/s at contacts (touching)" in said.answer.text
+    cells = {row[0]: row for row in said.tables[0].cells(brief=True)}
+    assert cells["still"][2:6] == ["0", "–", "4e-05", "case 3"]
 
 
 def test_a_failed_run_is_counted_and_an_engine_that_is_not_installed_is_absent():
@@ -76,10 +89,12 @@ def test_a_failed_run_is_counted_and_an_engine_that_is_not_installed_is_absent()
 
 def test_the_figure_has_a_column_a_case():
     [figure] = STUDY.presented(made_up()).figures
-    assert figure.columns == len(SCENES) and len(figure.panels) == 2 * len(SCENES)
-    for panel, scene in zip(figure.panels, range(len(SCENES))):
-        assert {series.label for series in panel.series} == {"", *(label for label, _ in SIZES)}
-        for (label, _), (positions, _) in SIZES.items():
+    assert figure.columns == len(SCENES) and len(figure.panels) == 4 * len(SCENES)  # joints and contacts apart
+    for place, panel in enumerate(figure.panels[:2 * len(SCENES)]):
+        fidelity, scene = ("joint", "contact")[place // len(SCENES)], place % len(SCENES)
+        there = {label: positions for (label, one), (positions, _) in SIZES.items() if one == fidelity}
+        assert {series.label for series in panel.series} == {"", *there}
+        for label, positions in there.items():
             [series] = [one for one in panel.series if one.label == label]
             assert np.all(series.y == max(positions[scene], 1e-17))
 

@@ -3,11 +3,16 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up_runs import wrong_numbers
 
-from stiction.comparisons.studies.stick_threshold import FIRST_STEP, Search, around, measure_series, measure_threshold
+from stiction.comparisons.presentation.presentation import ANSWER_LENGTH
+from stiction.comparisons.results import Results
+from stiction.comparisons.studies.stick_threshold import (CHANGE, ERROR, FIRST_STEP, UNCERTAINTY, Search, around,
+                                                          measure_series, measure_threshold, present)
 from stiction.comparisons.truth import StickThreshold, stick_threshold
 from stiction.comparisons.truth.reduced import steady_state as steady_states
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
@@ -89,6 +94,21 @@ def test_a_measurement_that_does_not_settle_says_so(monkeypatch):
     monkeypatch.setattr("stiction.comparisons.studies.stick_threshold.MOST_SETTLING", 30)
     found = measure_threshold(load_scene("slider-bar-case-1"), "reference", {"rtol": 1e-6}, Search(4.0, 4.5, 0.1))
     assert found.with_stick is None and "not settled after 30 periods" in found.remark
+
+
+@pytest.mark.parametrize("step, change, words", [
+    (2.5e-3, 0.01, "Clearly off: Exudyn with contact (-0.16 ± 0.02 N)."),
+    (5e-3, 0.01, "No method is clearly off. Inconclusive at its finest step: Exudyn with contact (-0.16 ± 0.02 N)."),
+    (2.5e-3, 0.0525, "No method is clearly off. Inconclusive at its finest step: Exudyn with contact (-0.16 ± 0.07 N)."),
+    (2.5e-3, np.nan, "No method is clearly off. Inconclusive")])
+def test_a_method_is_off_only_if_its_finest_step_is_that_of_all_and_hardly_moves_it(step, change, words):
+    """An error of 0.16 N, at a step twice as long as others', or after a refinement that changed it by a third, may vanish."""
+    rows = [("pymunk", 2.5e-3, -0.005, 0.0), ("Exudyn, contact", step, -0.16, change)]
+    table = pd.DataFrame([{"variant": variant, "fidelity": "contact", "parameter": "dt", "step": dt, "status": "ok", "mus": 0.03,
+                           "truth [N]": 4.2, "truth uncertainty [N]": 1e-9, ERROR: error, CHANGE: moved,
+                           UNCERTAINTY: 0.01 + np.nan_to_num(moved)} for variant, dt, error, moved in rows])
+    said = present(Results((), {}, {"threshold": table}))
+    assert words in said.answer.text and len(said.answer.text) <= ANSWER_LENGTH and not wrong_numbers(said, Results((), {}, {"threshold": table}))
 
 
 @given(st.floats(1.0, 2.0), st.floats(1.0, 2.0), st.floats(1e-4, 0.2))

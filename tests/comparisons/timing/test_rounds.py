@@ -123,7 +123,7 @@ def test_one_computation_is_timed_once_whatever_asks_for_it():
         assert workers == 1
         return outcomes_of(tasks)
 
-    found = time_runs(simulations, 5, isolated, 9.0)
+    found = time_runs([(*pair, False) for pair in simulations], 5, isolated, 9.0)
     assert visited[0] == ["as the scene", "other", "longer", "tighter"] and len(found) == 4
     assert visited[1] == visited[0][::-1]
 
@@ -138,7 +138,7 @@ def test_a_run_that_is_lost_while_it_is_timed_says_so():
             return [Outcome("run", "timed out", reason="no result within 9 s")]
         return outcomes_of(tasks)
 
-    [timing] = time_runs([(task, Outcome("run", "ok", RUN))], 5, isolated, 9.0).values()
+    [timing] = time_runs([(task, Outcome("run", "ok", RUN), False)], 5, isolated, 9.0).values()
     assert len(timing.samples) == 2
     assert timing.note.startswith("round 3: timed out: no result within 9 s; 2 rounds are too few")
 
@@ -166,7 +166,7 @@ def test_one_time_in_all_tables(in_this_process):
          Comparison(tuple(bare), lambda outcomes: [outcome.value.cost for outcome in outcomes])],
          on_result=counted.append)
     rows = cost.table.set_index("variant")
-    other = suppression.tables["suppression"].set_index(["variant", "step"]).loc[("event-driven, projection", 1e-6)]
+    other = suppression.tables["suppression"].set_index(["variant", "step"]).loc[("reference, projection", 1e-6)]
     columns = ["cpu [s]", OWN_CPU, "set-up [s]"]
     times = [untimed[0].stepping_s, untimed[0].own_s, untimed[0].setup_s]
     assert list(rows.loc["mine", columns]) == list(other[columns]) == times
@@ -183,8 +183,8 @@ def run_of(seconds, label="run"):
     return Outcome(label, "ok", replace(RUN, cost=Cost(0.0, 0.0, seconds, {}, seconds)), cpu_s=9.0)
 
 
-def test_a_ladder_is_timed_as_far_as_its_budget_goes_and_the_rest_says_so():
-    """Of each ladder two rungs at least; what is left has its run, no time, and the reason."""
+def test_runs_beyond_the_budget_of_their_series_are_timed_once():
+    """Of each series two runs at least are in all rounds; every run has a time, so that no method is short of one by our budget."""
     scene, rtols = load_scene("pendulum"), (1e-4, 1e-5, 1e-6, 1e-7)
     tasks = [simulation(Job(f"{ladder} {rtol:g}", "reference", scene, {"rtol": rtol, "t_end": t_end})) for ladder,
              t_end in (("cheap", 0.1), ("dear", 0.2)) for rtol in rtols]
@@ -197,15 +197,13 @@ def test_a_ladder_is_timed_as_far_as_its_budget_goes_and_the_rest_says_so():
         timed_labels.extend(task.label for task in asked)
         return outcomes_of(asked)
 
-    comparison = Comparison(tuple(tasks), lambda outcomes: [outcome.value for outcome in outcomes], rounds=1,
+    comparison = Comparison(tuple(tasks), lambda outcomes: [outcome.value for outcome in outcomes], rounds=3,
                             ladders=tuple(task.label.partition(" ")[0] for task in tasks),
-                            budget_s=0.7)
+                            budget_s=2.1)
     [timings] = make([comparison], isolated=isolated)
-    assert timed_labels == ["cheap 0.0001", "cheap 1e-05", "cheap 1e-06", "dear 0.0001", "dear 1e-05"]
-    assert [len(timing.samples) for timing in timings] == [1, 1, 1, 0, 1, 1, 0, 0]
-    assert timings[3].note == "not timed: the rounds of its refinement series, up to this step, take more than 0.7 s"
-    assert np.isnan(timings[3].trajectory.cost.stepping_s)
-    assert timings[3].trajectory.t is RUN.t and np.isnan(timings[3].interval("own_s").value)
+    assert timed_labels[:8] == [task.label for task in tasks] and len(timed_labels) == 8 + 2 * 5
+    assert [len(timing.samples) for timing in timings] == [3, 3, 3, 1, 3, 3, 1, 1]
+    assert timings[3].note == "timed once" and timings[3].trajectory.cost.own_s == 4.0 and timings[3].trajectory.t is RUN.t
 
 
 def test_what_two_comparisons_ask_for_alike_is_run_once():

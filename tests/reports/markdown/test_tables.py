@@ -25,9 +25,10 @@ SHOWN = view("made", "Made up.", FRAME, COLUMNS, source="torque", rows=[(1, 2, 3
 
 
 def test_columns_have_units_scales_uncertainties_and_intervals():
-    assert SHOWN.heads() == ["name", "error [mm]", "signed error [m]", "time [ms]", "fine"]  # what is empty or not there is left out
-    assert SHOWN.cells() == [["a", "1.2", "0.00123 ± 1e-05", "250", "yes"], ["b|c", "< 0.007", "-2e-06 ± 5e-06", "1000", "no"], ["–", "–", "–", "2000", "yes"]]
-    assert SHOWN.right() == [False, True, True, True, False]
+    assert SHOWN.heads() == ["group", "name", "error [mm]", "signed error [m]", "time [ms]", "fine"]  # what is empty or not there is left out
+    assert SHOWN.cells() == [["first", "a", "1.2", "0.00123 ± 1e-05", "250", "yes"], ["first", "b|c", "< 0.007", "-2e-06 ± 5e-06", "1000", "no"],
+                             ["second", "–", "–", "–", "2000", "yes"]]
+    assert SHOWN.right() == [False, False, True, True, True, False]
     assert SHOWN.heads(brief=True) == ["name", "error [mm]", "time [ms]", "fine"] and SHOWN.cells(brief=True)[0] == ["a", "1.2", "250", "yes"]
 
 
@@ -48,7 +49,7 @@ def test_latex_has_every_cell_and_key():
     long = view("long", "Long.", pd.DataFrame({"n": range(latex.LONGEST + 1)}), (Column("n"),))
     assert r"\begin{xltabular}" in latex.table(laid_out(long)) and r"\endhead" in latex.table(laid_out(long))
     wide = view("wide", "Wide.", pd.DataFrame({f"column {number}": ["some words of a cell"] for number in range(9)}), tuple(Column(f"column {number}", brief=number < 4) for number in range(9)))
-    assert len(laid_out(wide)["head"]) == 5 and len(laid_out(SHOWN)["head"]) == 6 and "column 4" not in latex.table(laid_out(wide))
+    assert len(laid_out(wide)["head"]) == 5 and len(laid_out(SHOWN)["head"]) == 7 and "column 4" not in latex.table(laid_out(wide))
 
 
 @given(st.text(st.characters(exclude_categories=("C", "Z"))))

@@ -1,0 +1,10 @@
+"""Parts of the report of a validation that no study presents."""
+
+import pandas as pd
+
+from stiction.reports.markdown.validation_report import _truths
+
+
+def test_uncertainties_of_truths_stay_bounds():
+    [text] = _truths(pd.DataFrame([{"truth": "a", "truth tier": "proven", "position uncertainty [m]": 2.328e-14}]))
+    assert "± 2.4e-14" in text

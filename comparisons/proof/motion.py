@@ -116,8 +116,8 @@ def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
     """Enclose a scene's motion: positions and velocities (at the ends of steps) and times of events to 10^-digits.
 
     The numbers of the scene count as they are written; digits are decimal places, in m, rad, m/s, rad/s and s. Raises
-    NotThisMechanism if the scene is none of the mechanisms, `Undecided` with the time, and NotProven where enclosures
-    stay wider at every precision that is tried.
+    NotThisMechanism if the scene is none of the mechanisms, and `Undecided` with the time. NotProven is raised where
+    enclosures stay wider at every precision that is tried.
     """
     asked = digits
     for _ in range(_ATTEMPTS):

@@ -108,7 +108,7 @@ def _failures(claims: Claims) -> Iterator[Failure]:
 
 
 def _difference(again: Step, claimed: list[dict[str, Any]], mode: Hashable, target: StateSet) -> str:
-    """What of a step that is proven again differs from its claimed events, and from the mode and set at its end."""
+    """Difference of a step that is proven again from its claimed events, and from the mode and set at its end."""
     changes = [(event["kind"], _read_mode(event["after"])) for event in claimed]
     found = [(event.kind, event.after) for event in again.events]
     if changes != found or again.current.mode != mode:

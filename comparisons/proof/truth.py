@@ -52,9 +52,9 @@ class ProvenTruth:
     """A motion from 0 to t_end by its certificate: columns as polynomials in floats, and events.
 
     Each of the legs that begin at `starts` (s) ends where the next one does. By column, `coefficients` (legs, terms)
-    are those of the time since the start of the leg, from the lowest power, `derivatives` names that whose derivative
-    it is, and `errors` bounds its error, that of its evaluation in floats included. `events`, by kind, joint and time,
-    are known to `event_time` seconds.
+    are those of the time since the start of the leg, from the lowest power. `derivatives` names the column whose
+    derivative another one is. `errors` bounds the error of each, that of its evaluation in floats included. `events`,
+    by kind, joint and time, are known to `event_time` seconds.
     """
 
     t_end: float

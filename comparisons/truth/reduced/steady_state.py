@@ -65,8 +65,8 @@ class SteadyState:
 def steady_state(mechanism: SliderBar) -> SteadyState:
     """Find the periodic motion that is reached from the mechanism's start.
 
-    Raises NoSteadyState if within `SETTLING` periods none of up to `MOST_PERIODS` periods is reached, NoMotion where
-    the equations have no motion or several on the way, InputError if load and bar have no common period.
+    Raises NoSteadyState if within `SETTLING` periods none of up to `MOST_PERIODS` periods is reached. NoMotion is
+    raised where the equations have no motion or several on the way, InputError if load and bar have no common period.
     """
     orbit, next_try = [np.array([mechanism.x, mechanism.v], dtype=float)], 0
     for j in range(1, SETTLING + 1):

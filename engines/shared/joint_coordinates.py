@@ -119,11 +119,15 @@ class TreeStepper(Stepper):
         links = len(self.tree.links)
         self.position, self.velocity, self.loads = position, velocity, balance.loads
         self.coordinates, v, a = np.zeros((3, len(balance.q)))
+        *self._start, last_position, last_velocity, acceleration = np.zeros((5, links))
+        self._last = last_position, last_velocity, acceleration
         signs = [self.tree.links[link].sign for link in self.friction_links]
         self._data = JointStep(
             cap=self._bound.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data_of_its_own(),
             links=np.array(self.friction_links, dtype=np.int64), signs=np.array(signs, dtype=float), position=position,
-            velocity=velocity, start=np.zeros((2, links)), last=np.zeros((3, links)), q=self.coordinates, v=v, a=a)
+            velocity=velocity, start_position=self._start[0], start_velocity=self._start[1],
+            last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates,
+            v=v, a=a)
 
     def drive_rate(self, link: int, rate: float) -> None:
         """The motor of a joint holds this rate from now on (m/s or rad/s)."""
@@ -141,7 +145,7 @@ class TreeStepper(Stepper):
         """Set the engine's joint coordinates and rates, each of shape (links,)."""
 
     def _retreat(self) -> None:
-        self.put(*self._data.start)
+        self.put(*self._start)
 
     def compile(self) -> None:
         for link, sign, law, _ in self._motors:
@@ -164,7 +168,7 @@ class TreeStepper(Stepper):
 
     def sample(self) -> Sample:
         """Return the sample at the beginning of the last step."""
-        return Sample(*self.tree.motion(*self._data.last), self.friction.modes_before(), self.friction.frictions())
+        return Sample(*self.tree.motion(*self._last), self.friction.modes_before(), self.friction.frictions())
 
     def samples(self, every: int) -> Iterator[Sample]:
         self.step()

@@ -164,8 +164,8 @@ class JointStep(Bundle):
 
     `loaded` is 1 if anything but weight acts on the bodies. `links`, `signs`: of the guides with a cap, and 1, or -1
     where the link's coordinate runs against the displacement. By link: `position`, `velocity` as the engine has left
-    them; `start` (2, links), both at the start of the step that is about to be made; `last` (3, links), both at that of
-    the last one, and the acceleration in it. q, v, a (3 * bodies,): of the bodies, at `start`; `a` is scratch.
+    them; at the start of the step that is about to be made; at that of the last one, and the acceleration in it.
+    q, v, a (3 * bodies,): of the bodies, at `start_position`; `a` is scratch.
     """
 
     cap: Cap
@@ -176,8 +176,11 @@ class JointStep(Bundle):
     signs: Reals
     position: Reals
     velocity: Reals
-    start: Table
-    last: Table
+    start_position: Reals
+    start_velocity: Reals
+    last_position: Reals
+    last_velocity: Reals
+    acceleration: Reals
     q: Reals
     v: Reals
     a: Reals
@@ -494,8 +497,8 @@ def motion(tree: Tree, position: Reals, velocity: Reals, acceleration: Reals, q:
 @kernel
 def begin_joints(step: JointStep, t: float) -> None:
     """Begin a step, at t."""
-    copy(step.position, step.start[0])
-    copy(step.velocity, step.start[1])
+    copy(step.position, step.start_position)
+    copy(step.velocity, step.start_velocity)
     if len(step.cap.guides) or step.loaded:
         _move(step.tree, step.position, step.velocity, step.q, step.v)
         _begin(step.cap, step.loaded, t, step.q, step.v, 0.0)
@@ -504,16 +507,16 @@ def begin_joints(step: JointStep, t: float) -> None:
 @kernel
 def finish_joints(step: JointStep, t: float) -> bool:
     """Take in a pass; True if the step is to be repeated. If not, the next one has begun, at t."""
-    guides, start, last = step.cap.guides, step.start, step.last
+    guides, before = step.cap.guides, step.start_velocity
     for i in range(len(step.velocity)):
-        last[2, i] = (step.velocity[i] - start[1, i]) / step.h
+        step.acceleration[i] = (step.velocity[i] - before[i]) / step.h
     if len(guides):
         for i in range(len(guides)):
             guides[i].slip_speed = step.signs[i] * step.velocity[step.links[i]]
-        _accelerate(step.tree, start[0], start[1], last[2], step.a)
+        _accelerate(step.tree, step.start_position, before, step.acceleration, step.a)
         if _judge(step.cap, step.a):
             return True
-    copy(start[0], last[0])
-    copy(start[1], last[1])
+    copy(step.start_position, step.last_position)
+    copy(before, step.last_velocity)
     begin_joints(step, t)
     return False

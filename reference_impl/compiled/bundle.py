@@ -181,13 +181,15 @@ def _unbox(kind, bundle, c):
     return NativeValue(pointer)
 
 
-@intrinsic
-def at(typing_context, address, like):
-    """In a kernel: the bundle at an address, of the class of another."""
+def _bundle_at(typing_context, address, like):
     def generate(context, builder, signature, values):
         return builder.inttoptr(values[0], context.get_value_type(like))
 
     return like(types.int64, like), generate
+
+
+at: Any = intrinsic(_bundle_at)
+"""In a kernel: the bundle at an address, of the class of another."""
 
 
 @lower_getattr_generic(BundleType)

@@ -175,9 +175,9 @@ def unit_rows(m: Arrays, w: Workspace, count: int, unit: Reals) -> tuple[Table, 
         if r < count:
             for c in range(3):
                 row[r, k + c] += w.J[i + c] * unit[k + c]
-    for r in range(count):
-        square = product(row[r], row[r])
-        size[r] = np.sqrt(square) if square > 0.0 else 1.0
+    for j in range(count):
+        square = product(row[j], row[j])
+        size[j] = np.sqrt(square) if square > 0.0 else 1.0
         for c in range(len(unit)):
-            row[r, c] /= size[r]
+            row[j, c] /= size[j]
     return row, size

@@ -85,11 +85,6 @@ class Stretch:
         """Seconds in which the slider is stuck."""
         return float(sum(end - start for start, end in self.phases))
 
-    @property
-    def stick_time_per_period(self) -> float:
-        """Mean of the seconds of a period in which the slider is stuck."""
-        return self.stick_time * self.period / (self.end - self.start)
-
     def maximum(self, *names: str) -> float:
         """Return the largest size of columns, both sides of events included."""
         sides = [abs(side[name]) for event in self.events for side in (event.before, event.after) for name in names]

@@ -294,7 +294,8 @@ def sensitivity(cases: Mapping[int, Scene], overrides: Mapping[str, Any]) -> Sen
         except (NoSteadyState, NoMotion) as error:
             reasons.append(f"case {case}: {error}")
             continue
-        numbers |= {f"stick time per period, case {case} [s]": steady.stick_time_per_period,
+        stuck = steady.stick_time * steady.period / (steady.end - steady.start)
+        numbers |= {f"stick time per period, case {case} [s]": stuck,
                     f"largest F_i, case {case} [N]": steady.maximum(*CORNERS),
                     f"largest moment, case {case} [N m]": steady.maximum(EFFORT)}
     return Sensitivity(numbers, verdicts, "; ".join(reasons))

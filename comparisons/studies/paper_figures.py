@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -25,22 +24,12 @@ CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
 """In the order of the paper's figures."""
 FIRST_FIGURE = 5
 """The paper's number of the first figure of its first case; then in the order of `SETS`, case by case."""
-
-
-@dataclass(frozen=True)
-class FigureSet:
-    """One figure of the paper: the ending of its name, its subject, and by column the label of its panel."""
-
-    name: str
-    subject: str
-    panels: dict[str, str]
-
-
-SETS = (FigureSet("velocity-acceleration", "velocity and acceleration of the slider",
-                  {"slider.vx": r"$\dot x_2$ [m/s]", "slider.ax": r"$\ddot x_2$ [m/s$^2$]"}),
-        FigureSet("corner-forces", "normal forces on the corners of the slider",
-                  {f"guide.F{i}": f"$F_{i}$ [N]" for i in (1, 2, 3, 4)}),
-        FigureSet("driving-moment", "driving moment", {"motor.effort": r"$\lambda_D$ [N m]"}))
+SETS = {"velocity-acceleration": ("velocity and acceleration of the slider",
+                                  {"slider.vx": r"$\dot x_2$ [m/s]", "slider.ax": r"$\ddot x_2$ [m/s$^2$]"}),
+        "corner-forces": ("normal forces on the corners of the slider",
+                          {f"guide.F{i}": f"$F_{i}$ [N]" for i in (1, 2, 3, 4)}),
+        "driving-moment": ("driving moment", {"motor.effort": r"$\lambda_D$ [N m]"})}
+"""Figures of a case by the ending of their names: subject, and by column the label of its panel."""
 
 
 def present(results: Results) -> Presentation:
@@ -59,11 +48,11 @@ def present(results: Results) -> Presentation:
 def _time_series(results: Results, scene: str) -> Iterator[Chart]:
     truth = results.truths.get(scene)
     label, frame = _reference([record for record in results.records if record.scene == scene], truth)
-    for place, figure in enumerate(SETS):
-        known = {column: words for column, words in figure.panels.items() if column in frame}
+    for place, (ending, (subject, labels)) in enumerate(SETS.items()):
+        known = {column: words for column, words in labels.items() if column in frame}
         if not known:
             continue
-        name, caption = f"{scene}-{figure.name}", f"{title_of(scene)}: {figure.subject}"
+        name, caption = f"{scene}-{ending}", f"{title_of(scene)}: {subject}"
         if scene in CASES:
             number = FIRST_FIGURE + len(SETS) * CASES.index(scene) + place
             name, caption = f"fig{number:02d}-{name}", f"{caption} (the paper's Fig. {number})"

@@ -175,8 +175,8 @@ def test_one_time_in_all_tables(in_this_process):
     assert "2 rounds are too few" in rows.at["mine", TIMING]
     assert rows.at["broken", "status"] == "failed" and np.isnan(rows.at["broken", "cpu [s]"])
     assert list(cost.samples["key"].unique()) == [rows.at["mine", "key"]] and list(cost.samples["round"]) == [1, 2]
-    distinct = len(suppression.table)
-    assert len(counted) == 2 + len(suppression.table) + 2 + 2 * distinct
+    distinct = len(suppression.tables["suppression"])
+    assert len(counted) == 2 + distinct + 2 + 2 * distinct
 
 
 def run_of(seconds, label="run"):

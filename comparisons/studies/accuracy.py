@@ -316,4 +316,4 @@ def largest_differences(trajectory: Trajectory, truth: Truth,
 
 
 STUDY = Study("accuracy", "Accuracy", "How far are the methods from the truth?", 1, present, plan, seconds=0.6,
-              takes=frozenset({"engines", "t_end", "scenes"}))
+              on_page_one=False, takes=frozenset({"engines", "t_end", "scenes"}))

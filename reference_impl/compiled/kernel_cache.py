@@ -101,7 +101,8 @@ def _prepare(root: Path, stem: str, name: str) -> bool:
 
 @cache
 def _package_stamp() -> bytes:
-    sources = sorted(Path(__file__).parents[1].rglob("*.py"))
+    package = Path(__file__).parents[1]
+    sources = [*sorted(package.rglob("*.py")), *sorted(package.rglob("*.toml"))]  # kernels hold the tables of methods
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).digest()
 
 

@@ -5,23 +5,22 @@ Source: Hairer, Norsett & Wanner, Solving Ordinary Differential Equations I (199
 
 from __future__ import annotations
 
-from pathlib import Path
-from runpy import run_path
+import tomllib
+from importlib import resources
 
 import numpy as np
-import scipy
 
 from stiction.reference_impl.compiled.kernel import kernel
 
 STAGES, EXTRA = 12, 3
 """Stages of a step, without the derivative at its end, and those of the dense output beyond it."""
-_published = run_path(str(Path(scipy.__file__).parent / "integrate" / "_ivp" / "dop853_coefficients.py"))
-"""SciPy's table. To import `scipy.integrate` for it would take a tenth of the time of a short run."""
-A, C = _published["A"][:STAGES + 1, :STAGES].copy(), _published["C"][:STAGES + 1]
+_TABLE = {name: np.array(numbers) for name, numbers in tomllib.loads(
+    resources.files(__package__).joinpath("dop853.toml").read_text("utf-8")).items()}
+A, C = _TABLE["A"][:STAGES + 1, :STAGES].copy(), _TABLE["C"][:STAGES + 1]
 """Weights of the stages and, last, of the step; times of the stages and of its end as fractions of the step."""
-A_EXTRA, C_EXTRA = _published["A"][STAGES + 1:], _published["C"][STAGES + 1:]
+A_EXTRA, C_EXTRA = _TABLE["A"][STAGES + 1:], _TABLE["C"][STAGES + 1:]
 """Those of the extra stages, (EXTRA, STAGES + 1 + EXTRA) and (EXTRA,)."""
-E3, E5, D = (_published[name] for name in ("E3", "E5", "D"))
+E3, E5, D = (_TABLE[name] for name in ("E3", "E5", "D"))
 """Weights of the error estimates of orders 3 and 5, and of the last four terms of the dense output."""
 BY_TIME = np.append(-1, np.argsort(np.argsort(C[1:], kind="stable")))
 """Place of each stage but the first in the order of their times."""

@@ -208,7 +208,7 @@ class TestCompare:
         tight = jumps[(jumps["variant"] == "reference") & (jumps["step"] == jumps["step"].min())]
         assert list(tight["kind"]) == ["slip", "reversal"]
         assert tight["jump error [N m]"].abs().max() < 1e-8  # what the reference is held to
-        assert "2/2 jumps" in result.stdout
+        assert "reads 2/2" in result.stdout
 
     def test_cost_says_what_is_no_independent_truth_and_what_its_columns_are(self, tmp_path, in_this_process):
         """A sled on a slope pulled by a spring has no truth but our own run."""

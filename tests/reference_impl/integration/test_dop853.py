@@ -1,10 +1,19 @@
-"""SciPy's table of DOP853, as it is read here, is that of a Runge-Kutta method of order 8."""
+"""The stored coefficients of DOP853 are those of SciPy, bit for bit, and those of a Runge-Kutta method of its order."""
 
 import numpy as np
+import pytest
+from scipy.integrate import DOP853
 
 from stiction.reference_impl.integration import dop853
 
 S = dop853.STAGES
+
+
+@pytest.mark.parametrize("name, published", [
+    ("A", np.vstack([DOP853.A[:S, :S], DOP853.B])), ("C", np.append(DOP853.C[:S], 1.0)), ("E3", DOP853.E3),
+    ("E5", DOP853.E5), ("A_EXTRA", DOP853.A_EXTRA), ("C_EXTRA", DOP853.C_EXTRA), ("D", DOP853.D)])
+def test_equal_to_scipy_in_every_bit(name, published):
+    np.testing.assert_array_equal(getattr(dop853, name), published, strict=True)
 
 
 def test_order_conditions_hold():

@@ -13,6 +13,7 @@ from stiction.comparisons.campaigns.participants import extent
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.scene_truth import truth_for
+from stiction.comparisons.methods import with_columns
 from stiction.comparisons.presentation import (Column, Number, Presentation, TracedText, listed, sentence, short,
                                                traced, value, view)
 from stiction.comparisons.presentation.cells import setting_of
@@ -63,14 +64,14 @@ def present(results: Results) -> Presentation:
     without = sentence("Runs that failed: {}.", listed(list(failed)))
     if POSITION not in table or LOW not in table:
         return Presentation(findings=[without])
-    measured = table[table[POSITION].notna() & table[LOW].notna()]
+    samples = with_columns(results.table("times"), "key", OWN_CPU)
+    times = {key: part[OWN_CPU].tolist() for key, part in samples.groupby("key")}
+    measured = table[table[POSITION].notna() & table["key"].isin(times)]
     rows = {run: dict(zip(there["suppression"], map(int, there.index)))
             for run, there in measured.groupby(["parameter", "step"], sort=False)}
 
     def drift_with(run: tuple[str, float], choice: str) -> Number:
         return drift_size("suppression", table, rows[run][choice], POSITION)
-
-    times = {key: part[OWN_CPU].tolist() for key, part in results.table("times").groupby("key")}
 
     def time_ratio(run: tuple[str, float], over: str, under: str) -> Number:
         """By the rounds, of which each has both, as of the effects."""

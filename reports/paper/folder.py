@@ -100,11 +100,13 @@ def laid_out(view: TableView) -> dict[str, Any]:
     """
     whole = zip(view.heads(), *view.cells())
     brief = sum(min(SHORT, max(map(len, column))) for column in whole) > PAGE_SIGNS
-    rows = [[*row, key] for row, key in zip(view.cells(brief), keys(view), strict=True)]
-    right = [*view.right(brief), False]
+    groups = [[name] for name in view.frame[view.group]] if brief and view.group else [[]] * len(view.frame)
+    rows = [[*group, *row, key] for group, row, key in zip(groups, view.cells(brief), keys(view), strict=True)]
+    head = [*[view.group] * (brief and bool(view.group)), *view.heads(brief), "key"]
+    right = [*[False] * (len(head) - 1 - len(view.heads(brief))), *view.right(brief), False]
     wide = [not numbers and max((len(row[i]) for row in rows), default=0) > SHORT for i, numbers in enumerate(right)]
-    return {"name": view.name, "caption": view.caption, "head": [*view.heads(brief), "key"], "right": right,
-            "wide": wide, "rows": rows}
+    return {"name": view.name, "caption": view.caption, "head": head, "right": right, "wide": wide,
+            "rows": rows}
 
 
 def trace_table(run: StoredRun, views: Sequence[TableView]) -> pd.DataFrame:

@@ -1,6 +1,7 @@
 """Tables as data become the texts that they should, and keys lead to rows or are refused in words."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -49,6 +50,8 @@ def test_latex_has_every_cell_and_key():
     long = view("long", "Long.", pd.DataFrame({"n": range(latex.LONGEST + 1)}), (Column("n"),))
     assert r"\begin{xltabular}" in latex.table(laid_out(long)) and r"\endhead" in latex.table(laid_out(long))
     wide = view("wide", "Wide.", pd.DataFrame({f"column {number}": ["some words of a cell"] for number in range(9)}), tuple(Column(f"column {number}", brief=number < 4) for number in range(9)))
+    grouped = laid_out(replace(wide, frame=wide.frame.assign(part="first"), group="part"))
+    assert grouped["head"][:2] == ["part", "column 0"] and grouped["rows"][0][0] == "first" and len(grouped["right"]) == len(grouped["head"]) == 6
     assert len(laid_out(wide)["head"]) == 5 and len(laid_out(SHOWN)["head"]) == 7 and "column 4" not in latex.table(laid_out(wide))
 
 

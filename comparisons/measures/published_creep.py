@@ -16,7 +16,8 @@ import pandas as pd
 from stiction.engines.mujoco.grasp import creep_and_load
 from stiction.engines.registry import load_engine
 
-ENGINE = "mujoco"
+_DATA = tomllib.loads((resources.files("stiction.comparisons") / "data" / "published_creep.toml").read_text("utf-8"))
+ENGINE = _DATA["engine"]
 """The engine whose creep was published."""
 PUBLISHED, CREEP, UNCERTAINTY, MATCHED = "published [um/s]", "creep [um/s]", "uncertainty [um/s]", "matched"
 
@@ -37,11 +38,9 @@ def published_creep() -> pd.DataFrame:
     EngineMissing
         If MuJoCo is not installed.
     """
-    file = resources.files("stiction.comparisons") / "data" / "published_creep.toml"
-    data, version = tomllib.loads(file.read_text(encoding="utf-8")), load_engine(ENGINE).version
-    model = data["model"] | data["matched"]
+    model, version = _DATA["model"] | _DATA["matched"], load_engine(ENGINE).version
     rows = []
-    for case in data["cases"]:
+    for case in _DATA["cases"]:
         creep, uncertainty, load = creep_and_load(model, **case["options"])
         rows.append({"case": case["name"], PUBLISHED: case.get("published_um_s", np.nan), CREEP: creep,
                      UNCERTAINTY: uncertainty, "load [N]": load,

@@ -95,7 +95,7 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
     Parameters
     ----------
     workers, timeout_s
-        As of `stiction.engines.isolate`; those that are timed go one by one.
+        As of `stiction.engines.isolate`; the rounds of those that are timed go one by one.
     on_start, on_result
         Called with the number of runs, those of the rounds that are sure to come included, and each outcome.
     isolated, timed_by
@@ -112,7 +112,7 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
     pairs = [[(task, next(found)) for task in comparison.tasks] for comparison in comparisons]
     to_time = [run for comparison, part in zip(comparisons, pairs) if comparison.rounds
                for run in _to_time(comparison, part, least)]
-    times = time_runs(to_time, least, timed_by or isolated, timeout_s, on_result)
+    times = time_runs(to_time, least, timed_by or isolated, timeout_s, on_result, workers)
     return [comparison.tabulate([with_time(task, outcome, times, comparison.rounds > 0) for task, outcome in part])
             for comparison, part in zip(comparisons, pairs)]
 

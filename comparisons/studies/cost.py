@@ -229,7 +229,7 @@ def _first_run(cost: pd.DataFrame) -> TracedText:
     if times.empty:
         return TracedText()
     row = int(times.idxmax())
-    return traced("The first run of a process takes up to {} ms more, to load what is compiled ({}).",
+    return traced("The first run of a process takes up to {} ms more ({}).",
                   Number(bounded(MILLI * times[row], "≤").removeprefix("≤"), "cost", COMPILATION, rows=(row + 1,),
                          factor=MILLI), called(cost.at[row, "variant"]))
 

@@ -507,7 +507,7 @@ def _named(table: pd.DataFrame, ranked: pd.DataFrame, failing: pd.DataFrame) -> 
 
 def _regularized(methods: pd.DataFrame, creeping: pd.DataFrame) -> TracedText:
     """The creep of engines that state the speed at which they regularize friction, as a part of it."""
-    return sentence("Creep over the speed at which friction is regularized, a setting: {}.", listed([
+    return sentence("Of the regularization speed, a setting, that is: {}.", listed([
         traced("{} {}", called(methods.at[label, "variant"]),
                value("hold-methods", methods, int(label), OF_ZONE, ".2g"))
         for label in creeping.index if pd.notna(methods.at[label, OF_ZONE])]))

@@ -5,7 +5,7 @@ that of the motion, not of the table of it, nor of the gate that the run has pas
 compared are timed in rounds, one at a time, in turns forwards and backwards. So a machine that becomes slower does so
 for all. A visit repeats a short run for `BLOCK` seconds, and its sample is their median. Runs whose interval
 (`intervals`) is `WIDE` after the rounds required have more, up to `MOST`. Runs beyond the budget of their refinement
-series are in the first round alone, and their times are unsure.
+series are timed once, beside each other, and their times are unsure.
 
 The calibration kernel is timed in each visit, 2 ms in all before and after the run, and each round has the load by
 others. Neither corrects a time or enters a verdict: the table of samples and the provenance have both.
@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
@@ -131,7 +131,7 @@ def _cpu_s() -> float:
 
 
 def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], seconds: Callable[[S], float],
-              least: int = LEAST, most: int = MOST, once: Container[K] = ()) -> dict[K, list[S]]:
+              least: int = LEAST, most: int = MOST) -> dict[K, list[S]]:
     """Return samples of several runs that are timed in turns, by key and round.
 
     Parameters
@@ -142,8 +142,6 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
         Time of a sample whose interval is to become narrow.
     least
         Rounds at least. Where they are `LEAST` or more, there are up to `most` of the keys that are still `WIDE`.
-    once
-        Keys that are in the first round alone.
     """
     samples: dict[K, list[S]] = {key: [] for key in keys}
     left, number = list(keys), 0
@@ -151,7 +149,7 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
         number += 1
         for key, sample in one_round(left if number % 2 else left[::-1]).items():
             samples[key].append(sample)
-        left = [key for key in left if len(samples[key]) == number and key not in once]
+        left = [key for key in left if len(samples[key]) == number]
         if number >= least:
             more = LEAST <= least and number < most
             left = [key for key in left if more and median_interval([*map(seconds, samples[key])]).width > WIDE]

@@ -39,11 +39,12 @@ def call_of(task: Task) -> str:
 
 
 def time_runs(simulations: Iterable[tuple[Task, Outcome, bool]], least: int, isolated: Isolate, timeout_s: float,
-              on_result: Callable[[Outcome], None] | None = None) -> dict[str, Timing]:
+              on_result: Callable[[Outcome], None] | None = None, workers: int | None = None) -> dict[str, Timing]:
     """Time the simulations that succeeded, by `computation`: in `least` rounds at least, one run at a time.
 
-    Each comes with whether it is in the first round alone. Options are those of
-    `stiction.comparisons.campaigns.comparison.make`; a visit may take as long as a run.
+    Each comes with whether it is timed once: these runs follow the rounds, on all processors, which moves a time by
+    some percent (`rounds.doubt`). Options are those of `stiction.comparisons.campaigns.comparison.make`; a visit may
+    take as long as a run.
     """
     tasks: dict[str, Task] = {}
     runs: dict[str, Trajectory] = {}
@@ -57,17 +58,19 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome, bool]], least: int, iso
     failures: dict[str, str] = {}
     rounds = count(1)
 
-    def one_round(keys: Sequence[str]) -> dict[str, VisitTimes]:
+    def visits(keys: Sequence[str], workers: int | None = 1) -> dict[str, VisitTimes]:
         number, before = next(rounds), load()
-        outcomes = isolated([tasks[key] for key in keys], workers=1, timeout_s=timeout_s, on_result=on_result)
+        outcomes = isolated([tasks[key] for key in keys], workers=workers, timeout_s=timeout_s, on_result=on_result)
         cores = others(before, load())
         made = dict(zip(keys, outcomes, strict=True))
         failures.update({key: f"round {number}: {outcome.status}: {outcome.reason}"
                          for key, outcome in made.items() if outcome.status != "ok"})
         return {key: replace(outcome.value, others=cores) for key, outcome in made.items() if key not in failures}
 
-    samples = in_rounds(list(tasks), one_round, lambda sample: sample.own_s, least, once=runs.keys() - in_all)
-    return {key: Timing(runs[key], tuple(found), failures.get(key, "")) for key, found in samples.items()}
+    samples = in_rounds([key for key in tasks if key in in_all], visits, lambda sample: sample.own_s, least)
+    if once := [key for key in tasks if key not in in_all]:
+        samples |= {key: [sample] for key, sample in visits(once, workers).items()}
+    return {key: Timing(run, tuple(samples.get(key, ())), failures.get(key, "")) for key, run in runs.items()}
 
 
 def with_time(task: Task, outcome: Outcome, times: Mapping[str, Timing], is_timed: bool) -> Outcome:

@@ -103,9 +103,10 @@ def _truths(accuracy: pd.DataFrame) -> list[str]:
 
 
 def _provenance(origin: Mapping[str, Any]) -> str:
-    """All that the folder's provenance has, a line each."""
+    """What the folder's provenance has, a line each; the state of the machine during the campaign stands there alone."""
     parts = {"date": origin["date"], "commit": commit_in_words(origin), "source": f"SHA-256 {origin['source']}",
              "command": f"`{origin['command']}`; [how to make these numbers again]({FOLDER}/README.md)"}
     for name in ("versions", "machine", "campaign"):
-        parts[name] = ", ".join(f"{key} {words(entry)}" for key, entry in origin[name].items())
+        parts[name] = ", ".join(f"{key} {words(entry)}" for key, entry in origin[name].items()
+                                if entry is not None and not isinstance(entry, Mapping))
     return "\n".join(f"- {name}: {text}" for name, text in parts.items())

@@ -103,7 +103,7 @@ def _truths(accuracy: pd.DataFrame) -> list[str]:
 
 
 def _provenance(origin: Mapping[str, Any]) -> str:
-    """What the folder's provenance has, a line each; the state of the machine during the campaign stands there alone."""
+    """What the provenance of the folder has, a line each, without the state of the machine during the campaign."""
     parts = {"date": origin["date"], "commit": commit_in_words(origin), "source": f"SHA-256 {origin['source']}",
              "command": f"`{origin['command']}`; [how to make these numbers again]({FOLDER}/README.md)"}
     for name in ("versions", "machine", "campaign"):

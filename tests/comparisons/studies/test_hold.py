@@ -279,7 +279,7 @@ def test_engines_are_counted_without_our_own_and_what_a_setting_makes_is_said():
     tables = {"hold": runs, "hold-methods": methods_table(runs)}
     said = present(Results((), {}, tables))
     assert said.answer.text == "Up to 90 % of static friction 1 of 3 engines and 1 of 1 of our own hold; 1 creep, b at 9e-05 m/s; 1 let go."
-    assert "a setting: b 0.9." in said.beside.text and "c (on s; under a slow ramp it breaks away +0.12 % off the limit)" in sentences(said)
+    assert "b 0.9." in said.beside.text and "c (on s; under a slow ramp it breaks away +0.12 % off the limit)" in sentences(said)
     assert not wrong_numbers(said, Results((), {}, tables))
     [figure] = said.figures
     assert [series.label for panel in figure.panels for series in panel.series] == ["b", "c"]  # at rest nothing is drawn

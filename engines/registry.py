@@ -1,7 +1,8 @@
 """Engines by name: those of the suite, those that other packages announce, any class by its address, and files.
 
 A program is named by the path of its declaration, which ends in ``.toml``, an FMU by its own, which ends in ``.fmu``.
-Nothing but such a name runs a program or what an FMU contains.
+Nothing but such a name runs a program or what an FMU contains. An engine that comes with the suite has a row in
+`BUILT_IN` and in `_PACKAGES`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Zhuang & Wang (2014), eqs. (1)-(38), as written.
 
-Dense NumPy, in the paper's order and with its symbols, nothing compiled.
+Dense NumPy, in the paper's order and with its symbols, nothing compiled. Constraints and applied forces, (18)-(25), are
+those of `equations_of_motion`.
 
 Read this with the paper; `hlcp` and `paper_scheme` are the same for many guides, redundant constraints and speed. It
 has what the paper has: revolute joints, sliders with corner forces on fixed or moving guides, drives, springs, loads,
@@ -14,15 +15,17 @@ M, QE           M, QE                masses; applied forces, (21)               
 Phi, J, gamma   phi, J, gamma        constraints [CR; CT; D], (20); Phi'' = J q'' + gamma    m, rad  kinematics.py
 alpha, beta     alpha, beta          Baumgarte's stabilization, (25)                         1/s     baumgarte.py
 lCR, lCT, lD    lambda_C             reactions of joints, guides, drives, (22), (26)         N, N m  dynamics.py
-F+, F-          F_plus, F_minus      corner forces, at -a/2 and +a/2, >= 0, (1)-(2)          N       hlcp.py
-H, G            H, G                 which corners load which surface, FN = H F+ + G F-      1       hlcp.py
+q''             solve                accelerations from these forces, (33)                   m/s^2   dynamics.py
+F+, F-          F_plus, F_minus      corner forces, at -a/2 and +a/2, >= 0, (1)-(2)          N       coulomb.py
+H, G            H, G                 FN = H F+ + G F-, of a surface, (4), (10)               1       hlcp.py
 S, K            S, K                 lCT = S F+ + K F-, K = -S, (26)                         1, m    hlcp.py
 W_T, gT'        W_T, mode            sliding of the surfaces (+), (-), (8)-(9); sgn gT'      1, m    kinematics.py
-mubar, V        mubar, V             -mu sgn gT' of slipping surfaces; which stick, (11)     1       hlcp.py
+mubar, V        mubar, V             Coulomb's law, (3), (5)-(7), (11); which stick          1       coulomb.py
 muH, mt         muH, mt              V^T mus, (14); mubar - V muH                            1       hlcp.py
 lH+, lH-        lH_plus, lH_minus    mus FN +- lambda_H, >= 0, (14)                          N       hlcp.py
-gH+, gH-        gH_plus, gH_minus    gH'' = gH+ - gH-, >= 0, (16)                            m/s^2   hlcp.py
-A0, A1, b       A0, A1, b            A0 y = A1 x + b, y, x >= 0, y^T x = 0, (36)-(38)                hlcp.py
+gH+, gH-        gH_plus, gH_minus    gH'' = gH+ - gH-, >= 0, (12)-(13), (16)                 m/s^2   hlcp.py
+A0, A1, b       A0, A1, b            A0 y = A1 x + b, y, x >= 0, y^T x = 0, (27)-(38)                hlcp.py
+Lemke           lemke                solution of (37)-(38), pivot by pivot                           lemke.py
 =============== ==================== ======================================================= ======= ==================
 
 Where the paper is silent the choices are those of `paper_scheme`.

@@ -1,4 +1,7 @@
-"""The JSON schema of the scene format, by which editors complete keys and mark errors while one types."""
+"""The JSON schema of the scene format, by which editors complete keys and mark errors while one types.
+
+Scenes themselves are validated by their classes (`model`) when they are read (`loading`).
+"""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ that of the motion, not of the table of it, nor of the gate that the run has pas
 compared are timed in rounds, one at a time, in turns forwards and backwards. So a machine that becomes slower does so
 for all. A visit repeats a short run for `BLOCK` seconds, and its sample is their median. Runs whose interval
 (`intervals`) is `WIDE` after the rounds required have more, up to `MOST`. Runs beyond the budget of their refinement
-series are timed once, beside each other, and their times are unsure.
+series (`campaigns.comparison`) are timed once, beside each other, and their times are unsure.
 
 The calibration kernel is timed in each visit, 2 ms in all before and after the run, and each round has the load by
 others. Neither corrects a time or enters a verdict: the table of samples and the provenance have both.

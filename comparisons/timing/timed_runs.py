@@ -68,8 +68,8 @@ def time_runs(simulations: Iterable[tuple[Task, Outcome, bool]], least: int, iso
         return {key: replace(outcome.value, others=cores) for key, outcome in made.items() if key not in failures}
 
     samples = in_rounds([key for key in tasks if key in in_all], visits, lambda sample: sample.own_s, least)
-    if once := [key for key in tasks if key not in in_all]:
-        samples |= {key: [sample] for key, sample in visits(once, workers).items()}
+    if left := [key for key in tasks if key not in in_all]:
+        samples |= {key: [sample] for key, sample in visits(left, workers).items()}
     return {key: Timing(run, tuple(samples.get(key, ())), failures.get(key, "")) for key, run in runs.items()}
 
 

@@ -1,4 +1,4 @@
-"""Lemke's complementary pivoting for w = M z + q, w >= 0, z >= 0, w^T z = 0.
+"""Lemke's complementary pivoting for w = M z + q, w >= 0, z >= 0, w^T z = 0: eqs. (37)-(38), made of (36) by `hlcp`.
 
 Source: Lemke (1978); Cottle, Pang & Stone, The Linear Complementarity Problem (1992), Algorithm 4.4.5, with the
 lexicographic ratio test of Sect. 4.9 that rules out cycling.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+
 import numpy as np
 import pandas as pd
 
 from stiction.comparisons.methods import called, case_of, grouped_methods, made_methods, methods, same_work
-from stiction.comparisons.presentation.traced_text import TracedText, length, listed, scaled_value, sentence, traced
+from stiction.comparisons.presentation.traced_text import TracedText, length, listed, scaled_value, traced
 from stiction.comparisons.results import Results
 from stiction.comparisons.uncertain import rounded_up
 from stiction.engines.registry import OWN_METHODS
@@ -67,17 +69,22 @@ def recommendation(results: Results) -> list[TracedText]:
                               "use the reference; " if best else "", error(ranked[paper]), _time(results, paper)))
     for heading, fidelity in (("Existing engines, ideal joints", "joint"),
                               ("Existing engines, real contacts", "contact")):
-        parts = []
-        for _, group in grouped_methods(results, same_work):
-            rows = [ranked[variant] for variant in group if variant in ranked]
-            if theirs := [row for row in rows if table.at[row, "fidelity"] == fidelity
-                          and table.at[row, "engine"] not in OWN_METHODS]:
-                parts.append(_span(table, theirs))
-        own = [traced("{} {}", called(variant, False), error(row)) for variant, row in ranked.items()
-               if table.at[row, "fidelity"] == fidelity == "contact" and table.at[row, "engine"] in OWN_METHODS]
-        if parts:
-            answers.append(traced("{}: {}.{}", heading, listed(parts, "; ", "; "),
-                                  sentence(" Our own: {}.", listed(own))))
+        parts: dict[str, list[TracedText]] = defaultdict(list)
+        engines = False
+        for name, group in grouped_methods(results, same_work):
+            rows = [ranked[variant] for variant in group if variant in ranked and name.startswith(fidelity)]
+            own = [row for row in rows if table.at[row, "engine"] in OWN_METHODS]
+            theirs = [row for row in rows if row not in own]
+            engines, found = engines or bool(theirs), [_span(table, theirs)] if theirs else []
+            found += [traced("our {} {}", called(table.at[row, "variant"], False), error(row))
+                      for row in own if fidelity == "contact"]
+            if found:
+                parts[name.partition("; ")[0].partition(", ")[2]] += found
+        coefficients = (f" ({label})" if len(parts) > 1 else "" for label in parts)
+        if engines:
+            answers.append(traced("{}: {}.", heading, listed([
+                traced("{}{}", listed(found, last=", "), label)
+                for found, label in zip(parts.values(), coefficients, strict=True)], "; ", "; ")))
     return answers
 
 

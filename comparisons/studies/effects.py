@@ -221,7 +221,8 @@ def _at_equal_error(results: Results) -> TracedText:
     equal = results.table("equal-error")
     if equal.empty:
         return TracedText()
-    equal = equal[(equal["quantity"] == "position") & (equal["error"] <= LARGEST_ERROR) & equal[TOTAL].notna()]
+    equal = equal[(equal["quantity"] == "position") & (equal["error"] <= LARGEST_ERROR) & equal[TOTAL].notna()
+                  & ~equal["at most"].eq(True)]
     over, under = ({(row["scene"], row["error"]): label for label, row in equal[equal["variant"] == name].iterrows()}
                    for name in (f"reference, {BAUMGARTE}", "reference"))
     pairs = [(over[key], under[key]) for key in over if key in under]

@@ -13,6 +13,7 @@ from stiction.comparisons.presentation import (Column, Headline, HeatMap, Number
                                                count, listed, sentence, traced, view)
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
+from stiction.engines.registry import OWN_METHODS
 
 HOSTILE = "hostile scenes"
 """Topic of the cases that are about the reader of scene files, not about a method."""
@@ -46,9 +47,8 @@ def present(results: Results) -> Presentation:
         counts[variant] = {name: count("hard", table, **about, verdict=verdicts) for name, verdicts in COUNTED.items()}
     first, *_ = counts
     cells = {variant: listed(list(numbers.values()), "/", "/") for variant, numbers in counts.items()}
-    answer = traced("Wrong/judged of {} cases: {}.", count("hard", table, variant=first, topic=topics),
-                    listed([traced("{} {}", called(first), _wrong(table, mechanical, first)),
-                            *_others(table, mechanical, first)], "; ", "; "))
+    answer = traced("Wrong/judged: {}.", listed([traced("{} {}", called(first), _wrong(table, mechanical, first)),
+                                                 *_others(table, mechanical, first)], "; ", "; "))
     headings = {verdict: name for name, verdicts in COUNTED.items() for verdict in verdicts}
     wide = mechanical.replace({"verdict": headings}).pivot(index="case", columns="variant", values="verdict").fillna("")
     cases = {str(topic): list(dict.fromkeys(rows["case"])) for topic, rows in mechanical.groupby("topic", sort=False)}
@@ -68,13 +68,13 @@ def _wrong(table: pd.DataFrame, mechanical: pd.DataFrame, variant: str) -> Trace
 
 
 def _others(table: pd.DataFrame, mechanical: pd.DataFrame, first: str) -> list[TracedText]:
-    """The methods with the smallest and the largest part of wrong answers among those that are judged, by fidelity."""
-    parts, judged = [], mechanical[mechanical["verdict"].isin(JUDGED) & (mechanical["variant"] != first)]
+    """The engines with the smallest and the largest part of wrong answers among those that are judged, by fidelity."""
+    parts, judged = [], mechanical[mechanical["verdict"].isin(JUDGED) & ~mechanical["engine"].isin(OWN_METHODS)]
     for fidelity, rows in judged.groupby("fidelity", sort=False):
         share = rows["verdict"].isin(COUNTED["wrong"]).groupby(rows["variant"], sort=False).mean()
         ends = dict.fromkeys((share.idxmin(), share.idxmax()))
         said = [traced("{} {}", called(variant, False), _wrong(table, mechanical, variant)) for variant in ends]
-        parts.append(traced("{}s: {}", str(fidelity), listed(said, " to ", " to ")))
+        parts.append(traced("{}s {}", str(fidelity), listed(said, " to ", " to ")))
     return parts
 
 

@@ -1,9 +1,7 @@
 """Error against CPU time, run by run, along the refinement series of every variant.
 
 A refinement series is a sequence of runs from coarse to fine: steps, tolerances or iterations. The time to a given
-error is that of `stiction.comparisons.studies.equal_error`. Per series of steps also observed order, Richardson
-extrapolation and grid convergence index (Roache 1994; ASME V&V 20-2009, Sect. 2; Celik et al., J. Fluids Eng. 130
-(2008) 078001); a tolerance or a number of iterations is not the step of an error expansion.
+error is that of `stiction.comparisons.studies.equal_error`. Series of steps also have an observed order.
 """
 
 from __future__ import annotations

@@ -254,7 +254,7 @@ def page_table():
 
 def test_presentation():
     """Counts of every method over the same mechanical cases; hostile files stand apart; a verdict that changes changes them."""
-    table = page_table().assign(fidelity="joint", engine=lambda rows: ["reference" if name != "Moreau, contact" else "moreau" for name in rows["variant"]])
+    table = page_table().assign(fidelity="joint", engine=lambda rows: ["reference" if name != "Moreau, contact" else "pymunk" for name in rows["variant"]])
     hostile = table.assign(topic=HOSTILE, case="hostile " + table["case"], verdict=UNREAD)
     missing = table.iloc[:1].assign(variant="absent", engine="absent", verdict=NOT_INSTALLED)
     results = Results((), {}, {"hard": pd.concat([table, hostile, missing], ignore_index=True)})
@@ -269,7 +269,7 @@ def test_presentation():
             [RIGHT], [DECLINED], [DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE], [DEGRADED], [WRONG, FAILED]))
     assert counts(results) == expected and len(expected) == 3
     said = present(results)
-    assert said.answer.text == "Wrong/judged of 2 cases: the reference 0/2; joints: trial and error 0/1 to Moreau 2/2."
+    assert said.answer.text == "Wrong/judged: the reference 0/2; joints Moreau 2/2."
     assert any(f"Hostile files are {hostile['case'].nunique()} more" in note for note in said.notes)
     [heat] = said.figures
     wide = table.pivot(index="case", columns="variant", values="verdict")

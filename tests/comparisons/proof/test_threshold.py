@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 pytest.importorskip("flint", reason="python-flint is not installed: the extra stiction[proof]")
 
 from stiction.cli.app import app
+from stiction.cli.exit_codes import FAILED
 from stiction.comparisons.proof import threshold as module
 from stiction.comparisons.proof import threshold_certificate
 from stiction.comparisons.proof.certificate import NotACertificate, read_certificate, write_certificate
@@ -168,6 +169,20 @@ def test_a_file_of_another_format_is_refused(tmp_path):
     (tmp_path / "other.json").write_text(json.dumps({"format": "stiction proof 0"}))
     ended = CliRunner().invoke(app, ["prove", str(tmp_path / "other.json"), "--check"])
     assert "expected 'stiction proof 1' or" in ended.output
+
+
+def test_a_refuted_file_ends_the_command(certificate, sliding, tmp_path, monkeypatch):
+    def proven_again(end, scene, F0):
+        if end["stick phase"]:
+            raise NotProven("why")
+        return sliding
+
+    monkeypatch.setattr(threshold_certificate, "_proven_again", proven_again)
+    ended = CliRunner().invoke(app, ["prove", str(certificate), "--check"])
+    assert ended.exit_code == FAILED and "end 0: why" in ended.output and "1 of 2 ends" in ended.output
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps({"format": "stiction proof 0"}))
+    assert "expected 'stiction proof 1' or" in CliRunner().invoke(app, ["prove", str(other), "--check"]).output
 
 
 @pytest.mark.long

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from truth_checks import between_events, check_motion, check_newton_and_euler
 
 from stiction.comparisons.truth import (four_bar_truth, incline_truth, moving_guide_truth, oscillator_truth,
@@ -117,6 +118,17 @@ def test_pendulum_moves_from_any_start_as_newton_says(angle, rate):
         (sin, -cos, rate * cos, rate * sin), abs=1e-13)
     check_newton_and_euler(scene, truth)
     check_motion(scene, truth, 1e-5)  # h^4/30 times the fifth derivative, at up to 11 rad/s
+
+
+@pytest.mark.parametrize("start", [(0.3, 1.0), (0.0, 6.5)])  # the second next to the separatrix, at 6.26
+def test_pendulum_agrees_with_an_integration(start):
+    """SciPy's DOP853 at its tightest: an error of phase would grow to more over ten swings."""
+    w = np.sqrt(9.81)
+    found = solve_ivp(lambda t, y: (y[1], -w * w * np.sin(y[0])), (0, 10), start, method="DOP853", rtol=3e-14, atol=1e-14)
+    angle, rate, _ = pendulum_angle(np.array([0.0, 10.0]), w, *start)
+    assert (angle[0], rate[0]) == pytest.approx(start, abs=1e-13)
+    # 1e-10: rounding of each step, which ten swings multiply by up to 1e3 close to the separatrix
+    assert (angle[1], rate[1]) == pytest.approx(found.y[:, -1], abs=1e-10)
 
 
 def test_pendulum_at_rest_and_on_the_separatrix():

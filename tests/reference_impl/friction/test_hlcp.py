@@ -229,3 +229,20 @@ def test_search_of_modes_and_hlcp_find_the_one_solution(count):
             A0, A1, b, *_ = hlcp.assemble(m, w, slip)
             assert hlcp.residual(A0, A1, b, y, x) < 1e-10
     assert unique > 2 * count / 3  # else this tested nothing
+
+
+def test_variables_of_a_mode_solve_the_hlcp():
+    """y and x built from the forces of a contact mode satisfy eqs. (36)-(38), hyperstatic corner forces included."""
+    random = np.random.default_rng(6)
+    for _ in range(100):
+        mechanism = Mechanism(stacked(random))
+        m, w = mechanism.arrays, workspace(mechanism.arrays)
+        row_form(m, w, 0.0, *mechanism.initial_state())
+        slip = np.where(np.abs(w.slip_speed) < 1e-12, 0, np.sign(w.slip_speed)).astype(np.int64)
+        forces, directions = np.zeros((1, len(w.force))), np.zeros((1, 3), dtype=np.int64)
+        if consistent(m, w, slip, forces, directions):
+            A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip)
+            y, x = np.zeros(len(b)), np.zeros(len(b))
+            hlcp._variables(m, w, slip, forces[0], directions[0], y, x)
+            assert hlcp.residual(A0, A1, b, y, x) < 1e-9
+            np.testing.assert_allclose(E0 @ y + E1 @ x, forces[0], atol=1e-9)

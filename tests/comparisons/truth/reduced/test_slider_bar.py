@@ -136,3 +136,10 @@ def test_refuses_times_outside_and_unknown_sides(t, side):
     truth = slider_bar_truth(load_scene(CASES[0]), 1.0)
     with pytest.raises(ValueError, match="expected"):
         truth(t, side)
+
+
+def test_refuses_what_is_not_a_slider_bar():
+    with pytest.raises(ValueError) as caught:
+        slider_bar_truth(load_scene("pendulum"))
+    for part in ("bodies", "pin", "guide", "motor", "spring", "load"):
+        assert f"{part}: found" in str(caught.value)

@@ -116,7 +116,8 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     Parameters
     ----------
     scene
-        Or its name in the catalogue, a TOML file, or its folder in a data set of truths, which are read and not solved.
+        A scene, the name of one of the catalogue, a TOML file, or the folder of a scene in a data set of truths, whose
+        truth is then read and not solved.
     frame
         A CSV or Parquet file, a DataFrame, a mapping of arrays or a Trajectory: a time column ``t`` and one or more of
         the scene's columns.

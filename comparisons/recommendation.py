@@ -61,7 +61,7 @@ def recommendation(results: Results) -> list[TracedText]:
 
     cases = table["scene"].nunique()
     where = f"all {CARDINALS.get(cases, str(cases)).lower()} cases" if cases > 1 else case_of(table["scene"].iloc[0])
-    answers = [traced("Our reference solver is exact to {} in {}{}.", error(ranked["reference"]), where,
+    answers = [traced("Our reference solver is right to {} in {}{}.", error(ranked["reference"]), where,
                       _time(results, "reference"))]
     if (paper := "paper's scheme") in ranked:
         best = table.at[ranked["reference"], POSITION] < table.at[ranked[paper], POSITION]
@@ -75,16 +75,17 @@ def recommendation(results: Results) -> list[TracedText]:
             rows = [ranked[variant] for variant in group if variant in ranked and name.startswith(fidelity)]
             own = [row for row in rows if table.at[row, "engine"] in OWN_METHODS]
             theirs = [row for row in rows if row not in own]
-            engines, found = engines or bool(theirs), [_span(table, theirs)] if theirs else []
-            found += [traced("our {} {}", called(table.at[row, "variant"], False), error(row))
+            engines = engines or bool(theirs)
+            said = [_span(table, theirs)] if theirs else []
+            said += [traced("our {} {}", called(table.at[row, "variant"], False), error(row))
                       for row in own if fidelity == "contact"]
-            if found:
-                parts[name.partition("; ")[0].partition(", ")[2]] += found
+            if said:
+                parts[name.partition("; ")[0].partition(", ")[2]] += said
         coefficients = (f" ({label})" if len(parts) > 1 else "" for label in parts)
         if engines:
             answers.append(traced("{}: {}.", heading, listed([
-                traced("{}{}", listed(found, last=", "), label)
-                for found, label in zip(parts.values(), coefficients, strict=True)], "; ", "; ")))
+                traced("{}{}", listed(said, last=", "), label)
+                for said, label in zip(parts.values(), coefficients, strict=True)], "; ", "; ")))
     return answers
 
 

@@ -65,9 +65,11 @@ def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | Non
 
     one_by_one = partial(isolate, workers=1, timeout_s=timeout_s)
     batches = [tasks[first:first + BATCH] for first in range(0, len(tasks), BATCH)]
-    waiting = {executor.submit(one_by_one, batch): batch for batch in batches}
+    waiting: dict[Future[list[Outcome]], Sequence[Task]] = {}
     found: dict[Future[list[Outcome]], list[Outcome]] = {}
     try:
+        for batch in batches:
+            waiting[executor.submit(one_by_one, batch)] = batch
         for future in as_completed(waiting):
             try:
                 found[future] = future.result()

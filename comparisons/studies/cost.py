@@ -178,7 +178,7 @@ def _limited(cost: pd.DataFrame, equal: pd.DataFrame) -> Iterator[TracedText]:
     """The methods whose error no longer falls, or may not, by their limit, and the cases where others' does not."""
     limits = equal.drop_duplicates("variant").groupby("because", sort=False)["variant"].agg(list)
     falling = limits.pop(INTEGRATION) if INTEGRATION in limits else []
-    where = "By one order for all cases the error" if cost["scene"].nunique() > 1 else "The error"
+    where = "Fitted over all cases, the error" if cost["scene"].nunique() > 1 else "The error"
     others = [traced("{} ({})", listed([called(variant) for variant in names]), str(limit))
               for limit, names in limits.items()]
     yield traced("{} of {} of {} methods still falls at the finest runs.", where, str(len(falling)),

@@ -274,7 +274,7 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
         if trial.variant.parameter == "dt" and gravity:
             row[OF_STEP] = speed / (math.hypot(*gravity) * trial.step)
         zone = load_data()["regularization"].get(f"{trial.variant.engine}, {trial.variant.fidelity}")
-        if zone in ends.settings:
+        if zone is not None:
             row[OF_ZONE] = speed / float(ends.settings[zone])
     if trial.test == HELD:
         row |= {LANDED: found.landing, LETS_GO: found.lets_go, PART: _part_of_bound(trial.scene, ends)}

@@ -195,6 +195,8 @@ def _noting(failures: list[BaseException]) -> Iterator[None]:
     def note(lost: Any) -> None:
         if "ctypes" in str(lost.err_msg):
             failures.append(lost.exc_value)
+        else:
+            before(lost)
 
     before, sys.unraisablehook = sys.unraisablehook, note
     try:

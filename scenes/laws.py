@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, overload
 
 import numpy as np
 from pydantic import Field
@@ -95,7 +95,16 @@ def spline_slopes(times: np.ndarray, values: np.ndarray) -> np.ndarray:
     return second
 
 
-def evaluate_law(law: Law, t: Any) -> tuple[Any, Any, Any]:
+@overload
+def evaluate_law(law: Law, t: float) -> tuple[float, float, float]: ...
+
+
+@overload
+def evaluate_law(law: Constant | Linear | Sine,
+                 t: np.ndarray) -> tuple[float | np.ndarray, float | np.ndarray, float | np.ndarray]: ...
+
+
+def evaluate_law(law: Law, t: Any) -> Any:
     """Value, first and second derivative of a law at time t, s; of a linear table the derivative from the right.
 
     A law that is no table is evaluated at several times, too, shape (n,).

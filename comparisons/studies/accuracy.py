@@ -197,10 +197,10 @@ def _of(column: str, scene: str) -> str:
 
 
 def _events(runs: pd.DataFrame, truths: Mapping[str, Truth]) -> str:
-    """``51/0/0; no corner``: found, missed and spurious events of the kinds that a method reports, and the others."""
+    """``51/0/0; no corner``: found, missed and spurious events; without corner events where a method reports none."""
     true = Counter(event.kind for name in runs["truth"] if name in truths for event in truths[name].events)
     lost = {kind: int(runs[missed(kind)].sum()) for kind in KINDS if missed(kind) in runs}
-    never = [kind for kind, number in lost.items() if number and number == true[kind]]
+    never = [kind for kind, number in lost.items() if kind == "corner" and number and number == true[kind]]
     counts = (runs[FOUND].sum(), runs[MISSED].sum() - sum(lost[kind] for kind in never), runs[SPURIOUS].sum())
     return "; no ".join(["/".join(f"{number:.0f}" for number in counts), *never])
 

@@ -497,11 +497,14 @@ def _named(table: pd.DataFrame, ranked: pd.DataFrame, failing: pd.DataFrame) -> 
         yield sentence(words, listed([called(variant) for variant in ranked.loc[chosen, "variant"]], "; ", "; "))
     gone = []
     for _, row in failing[failing[LETS_GO].eq(True)].iterrows():
-        errors = with_columns(at_equal_step(table, row["variant"]), BREAK_AWAY)[BREAK_AWAY].dropna()
-        ramp = [traced("; under a slow ramp it breaks away {} % off the limit", Number(
-            f"{100 * errors[label]:+.2g}", "hold", BREAK_AWAY, rows=(int(label) + 1,), factor=100.0))
-            for label in [errors.abs().idxmax()]] if len(errors) else []
-        gone.append(traced("{} (on {}{})", called(row["variant"]), row["scene"], *ramp, *[""] * (not ramp)))
+        ramps = with_columns(at_equal_step(table, row["variant"]), BREAK_AWAY, "bound").dropna(subset=[BREAK_AWAY])
+        ramp = TracedText()
+        if len(ramps):
+            label = ramps[BREAK_AWAY].abs().idxmax()
+            sign = f"{ramps.at[label, 'bound']} " if isinstance(ramps.at[label, "bound"], str) else ""
+            ramp = traced("; under a slow ramp it breaks away {}{} % off the limit", sign, Number(
+                f"{100 * ramps.at[label, BREAK_AWAY]:+.2g}", "hold", BREAK_AWAY, rows=(int(label) + 1,), factor=100.0))
+        gone.append(traced("{} (on {}{})", called(row["variant"]), row["scene"], ramp))
     yield sentence("Let go where the load acts at once: {}.", listed(gone, "; ", "; "))
 
 

@@ -195,7 +195,7 @@ def _own(table: pd.DataFrame, found: pd.DataFrame) -> TracedText:
                     sentence(" within {} N m", listed(_bounds(method)))) for method in own[:1]]
     for method in own[1:]:
         is_alike = (method.read, method.jumps) == (own[0].read, own[0].jumps)
-        read = "" if is_alike else traced("{} within ", _counts(table, method))
+        read = "" if is_alike else traced("{}{}", _counts(table, method), " within " if method.read else "")
         parts.append(traced("{} {}{}", called(method.variant), read, listed(_bounds(method))))
     said = sentence("{}.", listed(parts, ", ", ", "))
     return replace(said, text=said.text[:1].upper() + said.text[1:])

@@ -123,7 +123,7 @@ def test_our_own_solver_of_contacts_is_no_existing_engine(full):
         return " ".join(part.text for part in recommendation(Results(tuple(made), {}, {"accuracy": table})))
 
     assert "Existing engines, real contacts: pymunk 1 mm." in said("pymunk") and "real contacts" not in said("moreau")
-    assert "exact to 1 mm in all three cases" in said("pymunk")
+    assert "right to 1 mm in all three cases" in said("pymunk")
 
 
 def test_runs_that_failed_in_other_studies_are_not_kept_from_the_page(full):

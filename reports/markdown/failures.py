@@ -11,6 +11,8 @@ from stiction.reports.run_folder.data import tables_of
 
 ROWS_OF = {"choice": "variant", "method": "variant", "claim": "variant", "mean step [s]": "step"}
 """Columns of tables whose rows are no variants: what they are called here."""
+CHOICES = {"variant": {"none": "no stabilization"}}
+"""Choices in words."""
 NO_REASON = "(no reason given)"
 _COLUMNS = ["scene", "variant", "parameter", "step", "status", "reason"]
 
@@ -26,7 +28,7 @@ def failed_runs(results: Results) -> pd.DataFrame:
         if {"status", "reason"} <= set(table.columns):
             reason = table["reason"].fillna("")
             failed = ~succeeded(table) & (table["status"] != MISSING_ENGINE)
-            rows = table if "variant" in table else table.rename(columns=ROWS_OF)
+            rows = table if "variant" in table else table.rename(columns=ROWS_OF).replace(CHOICES)
             rows = rows.assign(status=rows["status"].replace("ok", "incomplete"), reason=reason.replace("", NO_REASON))
             parts.append(rows.loc[failed].reindex(columns=_COLUMNS).assign(table=name, row=np.flatnonzero(failed) + 1))
     found = pd.concat([part for part in parts if len(part)] or parts, ignore_index=True)

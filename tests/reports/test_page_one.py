@@ -129,7 +129,7 @@ def test_our_own_solver_of_contacts_is_no_existing_engine(full):
 def test_runs_that_failed_in_other_studies_are_not_kept_from_the_page(full):
     ended = pd.DataFrame([{"scene": "slider-bar-case-1", "choice": "none", "step": 0.016, "status": "ok", "reason": "stopped"}])
     assert "other studies" not in page_one(report_of(full), "", "Run.")
-    assert "ended early, of none: `failures.md`" in runs_in_words(replace(full, tables={**full.tables, "study": ended})).text
+    assert "ended early, of no stabilization: `failures.md`" in runs_in_words(replace(full, tables={**full.tables, "study": ended})).text
 
 
 def test_methods_stand_in_groups_that_may_be_compared(full):

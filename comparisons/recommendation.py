@@ -81,11 +81,10 @@ def recommendation(results: Results) -> list[TracedText]:
                       for row in own if fidelity == "contact"]
             if said:
                 parts[name.partition("; ")[0].partition(", ")[2]] += said
-        coefficients = (f" ({label})" if len(parts) > 1 else "" for label in parts)
         if engines:
             answers.append(traced("{}: {}.", heading, listed([
-                traced("{}{}", listed(said, last=", "), label)
-                for said, label in zip(parts.values(), coefficients, strict=True)], "; ", "; ")))
+                traced("{}{}", listed(said, last=", "), f" ({label})" if len(parts) > 1 else "")
+                for label, said in parts.items()], "; ", "; ")))
     return answers
 
 

@@ -110,7 +110,7 @@ def present(results: Results) -> Presentation:
              Column(ORDER, "order"), Column("torque error, L1 mean [N m]", "torque error, mean"),
              Column("event time error [s]", "event time error"), Column(TIMING))
     runs = view("cost-all", "Every run of the refinement series.", cost, every, source="cost", in_report=False)
-    return Presentation(_answer(cost, reached, first), findings, _headlines(results, cost, reached, first),
+    return Presentation(_answer(reached, first), findings, _headlines(results, cost, reached, first),
                         [*tables, _limits(cost, equal), runs], [_figure(cost)], NOTES, _first_run(cost))
 
 
@@ -157,7 +157,7 @@ def _engines(reached: pd.DataFrame, fidelity: str) -> TracedText:
     return _range(reached[reached["steps"] & (reached["fidelity"] == fidelity)])
 
 
-def _answer(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> TracedText:
+def _answer(reached: pd.DataFrame, first: str) -> TracedText:
     if reached.empty:
         return traced("No run is accurate to {} in {}.", MILLIMETRE, case_of(first))
     parts: list[Part] = [traced("{} {} ms", called(variant), _bounded(reached, int(label)))

@@ -48,7 +48,7 @@ def present(results: Results) -> Presentation:
     first, *_ = counts
     cells = {variant: listed(list(numbers.values()), "/", "/") for variant, numbers in counts.items()}
     answer = traced("Wrong/judged: {}.", listed([traced("{} {}", called(first), _wrong(table, mechanical, first)),
-                                                 *_others(table, mechanical, first)], "; ", "; "))
+                                                 *_others(table, mechanical)], "; ", "; "))
     headings = {verdict: name for name, verdicts in COUNTED.items() for verdict in verdicts}
     wide = mechanical.replace({"verdict": headings}).pivot(index="case", columns="variant", values="verdict").fillna("")
     cases = {str(topic): list(dict.fromkeys(rows["case"])) for topic, rows in mechanical.groupby("topic", sort=False)}
@@ -67,7 +67,7 @@ def _wrong(table: pd.DataFrame, mechanical: pd.DataFrame, variant: str) -> Trace
                              for chosen in (COUNTED["wrong"], JUDGED)))
 
 
-def _others(table: pd.DataFrame, mechanical: pd.DataFrame, first: str) -> list[TracedText]:
+def _others(table: pd.DataFrame, mechanical: pd.DataFrame) -> list[TracedText]:
     """The engines with the smallest and the largest part of wrong answers among those that are judged, by fidelity."""
     parts, judged = [], mechanical[mechanical["verdict"].isin(JUDGED) & ~mechanical["engine"].isin(OWN_METHODS)]
     for fidelity, rows in judged.groupby("fidelity", sort=False):

@@ -9,12 +9,12 @@ several comparisons have is timed once, and has one time in all tables.
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-from stiction.comparisons.timing.timed_runs import call_of, time_runs, with_time
+from stiction.comparisons.timing.timed_runs import affordable, call_of, time_runs, with_time
 from stiction.comparisons.variants import Record, Variant, has_static_coefficient, job, physics_of
 from stiction.engines import Engine, EngineMissing, Isolate, Outcome, Task, isolate, load_engine, simulation
 from stiction.engines.reference.engine import compile_kernels
@@ -111,7 +111,7 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
     found = iter(_outcomes(tasks, isolated, on_result, workers=workers, timeout_s=timeout_s))
     pairs = [[(task, next(found)) for task in comparison.tasks] for comparison in comparisons]
     to_time = [run for comparison, part in zip(comparisons, pairs) if comparison.rounds
-               for run in _to_time(comparison, part, least)]
+               for run in affordable(part, comparison.ladders, least, comparison.budget_s)]
     times = time_runs(to_time, least, timed_by or isolated, timeout_s, on_result, workers)
     return [comparison.tabulate([with_time(task, outcome, times, comparison.rounds > 0) for task, outcome in part])
             for comparison, part in zip(comparisons, pairs)]
@@ -137,20 +137,6 @@ def _outcomes(tasks: Sequence[Task], isolated: Isolate, on_result: Callable[[Out
     found = isolated([first for first, *_ in alike.values()], on_result=report, **options) if tasks else []
     made = dict(zip(alike, found, strict=True))
     return [replace(made[call], label=task.label) for call, task in zip(calls, tasks)]
-
-
-def _to_time(comparison: Comparison[Any], pairs: Sequence[tuple[Task, Outcome]],
-             rounds: int) -> Iterator[tuple[Task, Outcome, bool]]:
-    """Yield the runs that are timed, and whether once: of each series those beyond its budget, but the first two."""
-    spent: dict[str, float] = defaultdict(float)
-    steps: Counter[str] = Counter()
-    for (task, outcome), series in zip(pairs, comparison.ladders, strict=True):
-        if outcome.status != "ok":
-            continue
-        cost = outcome.value.cost  # an engine need not state one
-        spent[series] += rounds * (cost.setup_s + cost.stepping_s or outcome.cpu_s or 0.0)
-        steps[series] += 1
-        yield task, outcome, steps[series] > 2 and spent[series] > comparison.budget_s
 
 
 def prepare(engines: Iterable[str]) -> None:

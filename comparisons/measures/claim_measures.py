@@ -24,7 +24,7 @@ The paper shows by figures that the motion repeats itself; a smaller change per 
 AMPLITUDES = (0.1, 0.5, 0.99, 1.01, 2.0)
 """Multiples of the threshold on F0: from a tenth of it to twice, and as near as 1 %.
 
-The latter is some hundred times the uncertainty of the scheme's threshold at 1 ms.
+The latter is some forty times the uncertainty of the scheme's threshold at 2.5 ms.
 """
 STILL = 1e-9
 """Part of their largest values that rounding leaves of velocity and acceleration in a stick phase."""

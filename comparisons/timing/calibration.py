@@ -44,6 +44,6 @@ def relative_time(call: Callable[[], Any], least: int) -> tuple[float, float | N
     if first > ONCE:
         return first / one_kernel(), None
     calls = {"kernel": one_kernel, "run": lambda: min(seconds for _, seconds in block(call))}
-    found = in_rounds(list(calls), lambda keys: {key: calls[key]() for key in keys}, float, least)
+    found = in_rounds(list(calls), lambda keys: {key: calls[key]() for key in keys}, least)
     least_s, shortest = min(found["kernel"]), sorted(found["run"])
     return shortest[0] / least_s, None if len(shortest) == 1 else (shortest[1] - shortest[0]) / least_s

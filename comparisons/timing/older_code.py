@@ -91,7 +91,7 @@ def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
     first = one_round((BEFORE, NOW))  # may have to compile: not counted
     if not failed:
         least = max(FEWEST, min(MOST, round(SECONDS / max(first[NOW][TOTAL], 1e-9))))
-        times = in_rounds((BEFORE, NOW), one_round, lambda sample: sample[TOTAL], least, most=least)
+        times = in_rounds((BEFORE, NOW), one_round, least)
     if failed:
         return "; ".join(failed)
     then, now = ({what: min(sample[what] for sample in times[when]) for what in first[when]} for when in (BEFORE, NOW))

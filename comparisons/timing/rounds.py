@@ -3,12 +3,11 @@
 `Engine.run` is timed with start and end as its only output, in CPU time of the process that does the work. The cost is
 that of the motion, not of the table of it, nor of the gate that the run has passed before. All runs that are to be
 compared are timed in rounds, one at a time, in turns forwards and backwards. So a machine that becomes slower does so
-for all. A visit repeats a short run for `BLOCK` seconds, and its sample is their median. Runs whose interval
-(`intervals`) is `WIDE` after the rounds required have more, up to `MOST`. Runs beyond the budget of their refinement
-series (`campaigns.comparison`) are timed once, beside each other, and their times are unsure.
+for all. A visit repeats a short run for `BLOCK` seconds, and its sample is their median. Runs beyond the budget of
+their refinement series are timed once, beside each other, and their times are unsure.
 
-The calibration kernel is timed in each visit, 2 ms in all before and after the run, and each round has the load by
-others. Neither corrects a time or enters a verdict: the table of samples and the provenance have both.
+The calibration kernel is timed in each visit, 2 ms in all before and after the run. It tells whether the machine was
+`is_disturbed`: such a visit is repeated after the rounds. No time is corrected by it. The load by others is reported.
 """
 
 from __future__ import annotations
@@ -35,9 +34,6 @@ K = TypeVar("K")
 S = TypeVar("S")
 T = TypeVar("T")
 
-LEAST, MOST = 5, 8
-"""Rounds that an interval of the level `intervals.CONFIDENCE` takes, and the first number of them at which it leaves
-out the smallest and the largest sample: a time stays as unsure as it is then."""
 BLOCK, REPEATS = 0.02, 40
 """CPU seconds for which a visit repeats a run, and the largest number of repeats."""
 LONG = 0.03
@@ -45,8 +41,12 @@ LONG = 0.03
 0.87 to 1.34 times as long as later ones, 1.00 in the median."""
 KERNELS = 3
 """Times that the calibration kernel is run before and after a run."""
+SLOW, TRIES = 1.2, 3
+"""Time of the calibration kernel, in units of its median over all visits, above which a visit is disturbed, and how
+often that is repeated. Of 905 visits 93 % of those with a faster kernel were within a tenth of the run's median, and
+26 % of those with a slower one. Where a host serves others, slow ones come in spells of seconds."""
 WIDE = 0.25
-"""Width of an interval, in units of the median, from which on a time is unsure, and there are more rounds of it."""
+"""Width of an interval, in units of the median, from which on a time is unsure."""
 SHORTEST = 0.5
 """s; times of a system are counted in steps of 10 ms, one per core: a shorter load is not known."""
 
@@ -130,30 +130,28 @@ def _cpu_s() -> float:
     return process_time() + children.ru_utime + children.ru_stime
 
 
-def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], seconds: Callable[[S], float],
-              least: int = LEAST, most: int = MOST) -> dict[K, list[S]]:
+def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], rounds: int) -> dict[K, list[S]]:
     """Return samples of several runs that are timed in turns, by key and round.
 
-    Parameters
-    ----------
-    one_round
-        Visits each key that it is given once, in that order. A key that it has no sample of is not visited again.
-    seconds
-        Time of a sample whose interval is to become narrow.
-    least
-        Rounds at least. Where they are `LEAST` or more, there are up to `most` of the keys that are still `WIDE`.
+    `one_round` visits each key that it is given once, in that order. A key that it has no sample of is not visited
+    again.
     """
     samples: dict[K, list[S]] = {key: [] for key in keys}
-    left, number = list(keys), 0
-    while left:
-        number += 1
-        for key, sample in one_round(left if number % 2 else left[::-1]).items():
+    left = list(keys)
+    for _ in range(rounds):
+        made = one_round(left)
+        for key, sample in made.items():
             samples[key].append(sample)
-        left = [key for key in left if len(samples[key]) == number]
-        if number >= least:
-            more = LEAST <= least and number < most
-            left = [key for key in left if more and median_interval([*map(seconds, samples[key])]).width > WIDE]
+        left = [key for key in reversed(left) if key in made]
     return samples
+
+
+def is_disturbed(samples: Mapping[K, Sequence[VisitTimes]]) -> dict[K, list[int]]:
+    """Return the numbers of the samples in whose visits the machine was slow, by key; keys without any are left out."""
+    usual = median(sample.kernel_s for each in samples.values() for sample in each) if any(samples.values()) else 0.0
+    found = {key: [i for i, sample in enumerate(each) if sample.kernel_s > SLOW * usual]
+             for key, each in samples.items()}
+    return {key: numbers for key, numbers in found.items() if numbers}
 
 
 @dataclass(frozen=True)

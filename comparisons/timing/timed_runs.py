@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import count
 from typing import Any
 
 import pandas as pd
 
 from stiction.comparisons.digest import digest, scene_digest
 from stiction.comparisons.timing.intervals import median_interval
-from stiction.comparisons.timing.rounds import Timing, VisitTimes, in_rounds, load, others, visit
+from stiction.comparisons.timing.rounds import TRIES, Timing, VisitTimes, is_disturbed, load, others, visit
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines.isolation import Isolate, Outcome, Task, is_simulation
 from stiction.scenes import Trajectory, vary
@@ -38,39 +38,62 @@ def call_of(task: Task) -> str:
     return digest([task.function.__module__, task.function.__qualname__, task.args])
 
 
-def time_runs(simulations: Iterable[tuple[Task, Outcome, bool]], least: int, isolated: Isolate, timeout_s: float,
-              on_result: Callable[[Outcome], None] | None = None, workers: int | None = None) -> dict[str, Timing]:
-    """Time the simulations that succeeded, by `computation`: in `least` rounds at least, one run at a time.
+def affordable(runs: Sequence[tuple[Task, Outcome]], series: Sequence[str], rounds: int,
+               budget_s: float) -> Iterator[tuple[Task, Outcome, bool]]:
+    """Yield the runs that succeeded, and whether all rounds of them fit into the budget of their series, CPU seconds.
 
-    Each comes with whether it is timed once: these runs follow the rounds, on all processors, which moves a time by
-    some percent (`rounds.doubt`). Options are those of `stiction.comparisons.campaigns.comparison.make`; a visit may
+    The first two of each series always have all rounds.
+    """
+    spent: dict[str, float] = defaultdict(float)
+    steps: Counter[str] = Counter()
+    for (task, outcome), name in zip(runs, series, strict=True):
+        if outcome.status == "ok":
+            cost = outcome.value.cost  # an engine need not state one
+            spent[name] += rounds * (cost.setup_s + cost.stepping_s or outcome.cpu_s or 0.0)
+            steps[name] += 1
+            yield task, outcome, steps[name] <= 2 or spent[name] <= budget_s
+
+
+def time_runs(runs: Iterable[tuple[Task, Outcome, bool]], rounds: int, isolated: Isolate, timeout_s: float,
+              on_result: Callable[[Outcome], None] | None = None, workers: int | None = None) -> dict[str, Timing]:
+    """Time the runs of `affordable`, by `computation`: one at a time, in turns, and the others once.
+
+    A run that is lost in the first round has no other. What is timed once follows on all processors, which moves a time
+    by some percent (`rounds.doubt`). Options are those of `stiction.comparisons.campaigns.comparison.make`; a visit may
     take as long as a run.
     """
     tasks: dict[str, Task] = {}
-    runs: dict[str, Trajectory] = {}
+    made: dict[str, Trajectory] = {}
     in_all: set[str] = set()
-    for task, outcome, once in simulations:
-        if outcome.status == "ok":
-            key = computation(task, outcome.value)
-            tasks.setdefault(key, Task(task.label, visit, task.args))
-            runs.setdefault(key, outcome.value)
-            in_all.update(() if once else (key,))
+    for task, outcome, is_affordable in runs:
+        key = computation(task, outcome.value)
+        tasks.setdefault(key, Task(task.label, visit, task.args))
+        made.setdefault(key, outcome.value)
+        in_all.update((key,) if is_affordable else ())
     failures: dict[str, str] = {}
-    rounds = count(1)
 
-    def visits(keys: Sequence[str], workers: int | None = 1) -> dict[str, VisitTimes]:
-        number, before = next(rounds), load()
+    def visits(keys: Sequence[str], workers: int | None = 1) -> Iterator[tuple[str, VisitTimes]]:
+        before = load()
         outcomes = isolated([tasks[key] for key in keys], workers=workers, timeout_s=timeout_s, on_result=on_result)
         cores = others(before, load())
-        made = dict(zip(keys, outcomes, strict=True))
-        failures.update({key: f"round {number}: {outcome.status}: {outcome.reason}"
-                         for key, outcome in made.items() if outcome.status != "ok"})
-        return {key: replace(outcome.value, others=cores) for key, outcome in made.items() if key not in failures}
+        for key, outcome in zip(keys, outcomes, strict=True):
+            if outcome.status == "ok":
+                yield key, replace(outcome.value, others=cores)
+            else:
+                failures[key] = f"while it was timed: {outcome.status}: {outcome.reason}"
 
-    samples = in_rounds([key for key in tasks if key in in_all], visits, lambda sample: sample.own_s, least)
-    if left := [key for key in tasks if key not in in_all]:
-        samples |= {key: [sample] for key, sample in visits(left, workers).items()}
-    return {key: Timing(run, tuple(samples.get(key, ())), failures.get(key, "")) for key, run in runs.items()}
+    keys = [key for key in tasks if key in in_all]
+    samples = {key: [sample] for key, sample in visits(keys)}
+    turns = [list(reversed(samples)), list(samples)] * rounds
+    for key, sample in visits([key for turn in turns[:rounds - 1] for key in turn]):
+        samples[key].append(sample)
+    for _ in range(TRIES):
+        disturbed = is_disturbed(samples)
+        for key, sample in visits(list(disturbed)) if disturbed else ():
+            samples[key][disturbed[key][0]] = sample
+    once = [key for key in tasks if key not in in_all]
+    samples |= {key: [sample] for key, sample in visits(once, workers)} if once else {}
+    return {key: Timing(run, tuple(samples.get(key, ())), failures.get(key, "")) for key, run in made.items()}
 
 
 def with_time(task: Task, outcome: Outcome, times: Mapping[str, Timing], is_timed: bool) -> Outcome:

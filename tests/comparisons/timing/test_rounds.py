@@ -1,5 +1,6 @@
 """Protocol of timing: rounds over all runs, one computation timed once, doubts reported. Synthetic times, no clock."""
 
+import math
 import tomllib
 from dataclasses import replace
 
@@ -13,9 +14,9 @@ from stiction.comparisons.studies.work_precision import LEVEL, TIMING, work_prec
 from stiction.comparisons.timing import rounds
 from stiction.comparisons.timing.intervals import median_interval, ratio_interval
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL, _ratios
-from stiction.comparisons.timing.rounds import (BLOCK, LEAST, LONG, MOST, REPEATS, Load, Timing, VisitTimes, bare_run,
+from stiction.comparisons.timing.rounds import (BLOCK, LONG, REPEATS, SLOW, TRIES, Load, Timing, VisitTimes, bare_run,
                                                 block, in_rounds, others, visit)
-from stiction.comparisons.timing.timed_runs import time_runs
+from stiction.comparisons.timing.timed_runs import affordable, time_runs
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines import load_engine
 from stiction.engines.isolation import Job, Outcome, simulation
@@ -23,10 +24,11 @@ from stiction.scenes import Cost, load_scene, scene_from_dict, scene_to_toml
 
 CASE = "slider-bar-case-1"
 RUN = load_engine("reference").simulate(load_scene("pendulum"), rtol=1e-6, t_end=0.1)
+ROUNDS = 8
 
 
-def sample(own_s):
-    return VisitTimes(0.0, 2 * own_s, own_s, 1e-3, 1)
+def sample(own_s, kernel_s=1e-3):
+    return VisitTimes(0.0, 2 * own_s, own_s, kernel_s, 1)
 
 
 @pytest.mark.parametrize("seconds, counted", [(1e-9, REPEATS), (BLOCK / 9.5, 10), (LONG, 1), (2 * LONG, 1)])
@@ -62,26 +64,24 @@ def noise(median, spread, seed):
         yield median * np.exp(spread * random.normal())
 
 
-@pytest.mark.parametrize("spread, most", [(1e-3, LEAST), (2.0, MOST)])
-def test_all_runs_have_the_same_rounds_and_unsure_ones_have_more(spread, most):
-    keys = ["steady", "unsteady", "slow"]
-    times = (noise(1e-3, 1e-3, 1), noise(1e-3, spread, 2), noise(2 * LONG, 1e-3, 3))
-    one_round, seen = visits(dict(zip(keys, times)))
-    found = in_rounds(keys, one_round, float)
-    assert {key: len(samples) for key, samples in found.items()} == {"steady": LEAST, "unsteady": most, "slow": LEAST}
-    assert seen[0] == seen[1][::-1] == keys
+def test_rounds_go_forwards_and_backwards_and_leave_out_what_is_lost():
+    keys = ["a", "b", "lost"]
+    one_round, seen = visits({key: noise(1e-3, 1e-3, i) for i, key in enumerate(keys)})
+    found = in_rounds(keys, lambda asked: {key: one for key, one in one_round(asked).items() if key != "lost"}, 3)
+    assert {key: len(samples) for key, samples in found.items()} == {"a": 3, "b": 3, "lost": 0}
+    assert seen == [keys, ["b", "a"], ["a", "b"]]
 
 
 @pytest.mark.parametrize("ratio, told", [(1.0, False), (1.5, True)])
 def test_a_drifting_machine_does_not_decide_who_is_faster(ratio, told):
     """On a machine that becomes 3 times slower, times in turns distinguish two runs if and only if they differ."""
-    speed = iter(np.linspace(1.0, 3.0, 2 * MOST))
+    speed = iter(np.linspace(1.0, 3.0, 2 * ROUNDS))
     times = {"a": noise(1.0, 0.01, 1), "b": noise(ratio, 0.01, 2)}
 
     def one_round(keys):
         return {key: next(times[key]) * next(speed) for key in keys}
 
-    found = in_rounds(["a", "b"], one_round, float, MOST)
+    found = in_rounds(["a", "b"], one_round, ROUNDS)
     within = ratio_interval(found["b"], found["a"])
     assert (within.low > 1 or within.high < 1) == told and within.low <= ratio <= within.high
     assert median_interval(found["a"]).high > median_interval(found["b"]).low
@@ -123,24 +123,43 @@ def test_one_computation_is_timed_once_whatever_asks_for_it():
         assert workers == 1
         return outcomes_of(tasks)
 
-    found = time_runs([(*pair, False) for pair in simulations], 5, isolated, 9.0)
+    found = time_runs(affordable(simulations, [""] * len(simulations), 5, math.inf), 5, isolated, 9.0)
     assert visited[0] == ["as the scene", "other", "longer", "tighter"] and len(found) == 4
-    assert visited[1] == visited[0][::-1]
+    assert visited[1] == 2 * (visited[0][::-1] + visited[0]) and len(visited) == 2
 
 
-def test_a_run_that_is_lost_while_it_is_timed_says_so():
-    task = simulation(Job("run", "reference", load_scene("pendulum"), {"rtol": 1e-6, "t_end": 0.1}))
-    rounds_made = []
+PENDULUM = simulation(Job("run", "reference", load_scene("pendulum"), {"rtol": 1e-6, "t_end": 0.1}))
+
+
+@pytest.mark.parametrize("lost, samples", [(0, 0), (1, 4)])
+def test_a_run_that_is_lost_while_it_is_timed_says_so(lost, samples):
+    """In the first round: it is not made again."""
+    calls = []
 
     def isolated(tasks, **_):
-        rounds_made.append(tasks)
-        if len(rounds_made) == 3:
-            return [Outcome("run", "timed out", reason="no result within 9 s")]
-        return outcomes_of(tasks)
+        calls.append(tasks)
+        made = outcomes_of(tasks)
+        if len(calls) == lost + 1:
+            made[-1] = Outcome("run", "timed out", reason="no result within 9 s")
+        return made
 
-    [timing] = time_runs([(task, Outcome("run", "ok", RUN), False)], 5, isolated, 9.0).values()
-    assert len(timing.samples) == 2
-    assert timing.note.startswith("round 3: timed out: no result within 9 s; 2 rounds are too few")
+    [timing] = time_runs([(PENDULUM, Outcome("run", "ok", RUN), True)], 5, isolated, 9.0).values()
+    assert len(timing.samples) == samples and sum(map(len, calls)) == (5 if lost else 1)
+    assert timing.note.startswith("while it was timed: timed out: no result within 9 s")
+
+
+@pytest.mark.parametrize("later, repeats, left", [([2.0, 1.0], 2, 0), ([2.0] * TRIES, TRIES, 1)])
+def test_visits_on_a_disturbed_machine_are_repeated_in_their_rounds(later, repeats, left):
+    """The kernel tells, and the time does not: the third visit is disturbed, and so are repeats of it."""
+    kernels, asked = iter([1.0, 1.01, SLOW * 1.02, 1.0, 1.0, *later]), []
+
+    def isolated(tasks, **_):
+        asked.append(len(tasks))
+        return [Outcome(task.label, "ok", sample(1.0, next(kernels)), cpu_s=0.1) for task in tasks]
+
+    [timing] = time_runs([(PENDULUM, Outcome("run", "ok", RUN), True)], 5, isolated, 9.0).values()
+    assert asked == [1, 4, *[1] * repeats] and len(timing.samples) == 5
+    assert [one.kernel_s > SLOW for one in timing.samples] == [False, False, bool(left), False, False]
 
 
 def test_what_is_timed_is_the_motion_without_its_table(compiled):

@@ -315,5 +315,5 @@ def largest_differences(trajectory: Trajectory, truth: Truth,
     return t[top], size[top].to_numpy()
 
 
-STUDY = Study("accuracy", "Accuracy", "How far are the methods from the truth?", 1, present, plan, seconds=0.6,
+STUDY = Study("accuracy", "Accuracy", "How far are the methods from the truth?", 1, present, plan, seconds=0.26,
               on_page_one=False, takes=frozenset({"engines", "t_end", "scenes"}))

@@ -205,4 +205,4 @@ def _envelope(t: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return largest["t"].to_numpy(), largest["size"].to_numpy()
 
 
-STUDY = Study("drift", "Drift", "How far do methods drift from the constraints?", 5, present, plan, seconds=0.6)
+STUDY = Study("drift", "Drift", "How far do methods drift from the constraints?", 5, present, plan, seconds=0.26)

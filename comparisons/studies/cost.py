@@ -339,5 +339,5 @@ def _figure(cost: pd.DataFrame) -> Chart:
         Axis("total CPU time [s]", log=True), "position error [m]", series)
 
 
-STUDY = Study("cost", "Cost", "What does accuracy cost?", 2, present, plan, seconds=0.5,
+STUDY = Study("cost", "Cost", "What does accuracy cost?", 2, present, plan, seconds=0.13,
               takes=frozenset({"engines", "t_end", "repeats", "scenes"}))

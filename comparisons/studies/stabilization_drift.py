@@ -381,4 +381,4 @@ def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
 
 
 STUDY = Study("long-drift", "Long runs", "What does stabilization do against drift over long runs?", 5.5, present, plan,
-              seconds=3.5, on_page_one=False, compared=False)
+              seconds=0.8, on_page_one=False, compared=False)

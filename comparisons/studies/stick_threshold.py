@@ -383,4 +383,4 @@ def known(number: float, unsure: float) -> str:
 
 
 STUDY = Study("threshold", "Stick limit", "Up to which load does the slider stick?", 4, present, plan,
-              {TRUTH: lambda scope: true_thresholds(scope.scenes[0])}, seconds=6.0, takes=frozenset({"engines"}))
+              {TRUTH: lambda scope: true_thresholds(scope.scenes[0])}, seconds=10.0, takes=frozenset({"engines"}))

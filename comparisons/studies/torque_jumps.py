@@ -304,4 +304,4 @@ def event_panel(window: pd.DataFrame, variants: Sequence[str], label: str) -> Pa
 
 
 STUDY = Study("torque", "Torque jumps", "How well are the jumps of the driving torque found?", 3, present, plan,
-              seconds=0.6, takes=frozenset({"engines", "t_end", "drive", "scenes"}))
+              seconds=0.26, takes=frozenset({"engines", "t_end", "drive", "scenes"}))

@@ -27,13 +27,12 @@ WIDTH = 118
 """Characters of a line."""
 INTERRUPTED = "**It was interrupted: all that follows is of the runs that were made until then.**"
 HOW_TO_READ = (
-    "Reference, paper's scheme and Moreau are solvers of this suite; the truth uses none of them. Errors and drift: "
-    "the worst of all cases, at the step nearest to 1 ms or the tightest tolerance. CPU time and stick limit: the "
-    "first case, the limit at its finest step. > t: the finest run, t ms, misses it. ≤ t: the coarsest meets it. ~: "
-    "timed once, or a wide interval. A jump that our reader does not find has no bound. Declined: by the method's "
-    "own word. Not judged: for our adapter, for what the engine can express, or for impulses. Joint: ideal guides "
-    "with a friction law. Contact: the slider touches two surfaces. mus = mu: the engine and its truth have one "
-    "coefficient of friction. Compare methods within a group only.")
+    "Reference, paper's scheme and Moreau are solvers of this suite. Errors and drift: the worst of all cases, at the "
+    "step nearest to 1 ms or the tightest tolerance. CPU time and stick limit: the first case, the limit at its finest "
+    "step. > t: the finest run, t ms, misses it. ≤ t: the coarsest meets it. ~: timed once, or a wide interval. A jump "
+    "that is not read has no bound. Declined: by the method's own word. Not judged: for our adapter, for what the "
+    "engine can express, or for impulses. Joint: ideal guides with a friction law. Contact: the slider touches two "
+    "surfaces. mus = mu: engine and truth have one coefficient of friction. Compare methods within a group only.")
 
 
 @dataclass(frozen=True)

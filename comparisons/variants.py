@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
@@ -11,7 +12,7 @@ from typing import Any, Literal, get_args
 from stiction.engines.isolation import Job, Outcome
 from stiction.engines.protocol import EVENTS_LOCATED_BY
 from stiction.engines.registry import EngineMissing, label_of, load_engine
-from stiction.scenes import Scene, Trajectory, vary
+from stiction.scenes import Scene, Trajectory, catalogue, vary
 from stiction.scenes.laws import Linear, Sine
 from stiction.scenes.model import LinearSpring
 
@@ -190,6 +191,13 @@ def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
     output = {"output_step": _rounded((0.002 if fine else 0.01) * factor)}
     return Job(run_key(scene, variant, step), variant.engine, scene,
                {variant.parameter: step, "fidelity": variant.fidelity, **output, **variant.settings, **arguments})
+
+
+def run_command(scene: str, engine: str, options: Iterable[tuple[str, str]]) -> str | None:
+    """Return the command of a run, for a shell, options by name; None if its scene is not in the catalogue."""
+    words = ["stiction", "run", scene, "--engine", engine]
+    return shlex.join(words + [word for name, value in options for word in (f"--{name}", value)]
+                      ) if scene in catalogue() else None
 
 
 def has_static_coefficient(variant: Variant) -> bool:

@@ -31,6 +31,7 @@ from stiction.comparisons.methods import at_equal_step, called, rank, succeeded,
 from stiction.comparisons.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Number, Panel,
                                                Presentation, Series, TableView, TracedText, count, interval, joined,
                                                listed, sentence, traced, value, view)
+from stiction.comparisons.presentation.cells import AGAIN
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT, Subject
 from stiction.comparisons.studies.study import Scope, Study, Tables
@@ -39,18 +40,17 @@ from stiction.comparisons.timing.rounds import visit
 from stiction.comparisons.truth import NO_TRUTH
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import (FRICTION_BY, OWN_CPU, UNMADE, Record, Variant, has_static_coefficient,
-                                           truth_key)
+                                           run_command, truth_key)
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import FIDELITIES, EngineFailure
 from stiction.engines.registry import OWN_METHODS, load_engine
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
+from stiction.scenes.wording import as_given
 
 PARAMETERS = ("part", "ramp", "v0", "limit", "mu", "mus")
 """Parameters of a scene of the study: the load is part + ramp t of the limit, and v0 the slider's speed along it."""
 HELD, RAMP, STOP = "held", "ramp", "stop"
 CREEP, UNSURE, LOAD, TEST = "creep [m/s]", "creep uncertainty [m/s]", "load [-]", "test"
-CHANGED = "changed"
-"""Column: parameters of the scene and settings of the engine that a run changes, as JSON."""
 PART, LETS_GO = "part of the bound [-]", "lets go"
 OF_STEP, OF_ZONE, LANDED = "creep, of g dt [-]", "creep, of the regularization [-]", "landing [m]"
 BREAK_AWAY, BREAK_UNSURE = "break-away error [-]", "break-away uncertainty [-]"
@@ -263,10 +263,13 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
     ends = outcome.value and outcome.value[1]
     record = Record(trial.key, trial.scene.name, trial.variant, trial.step, replace(outcome, value=ends))
     row = {**record.describe(), "truth": truth_key(trial.scene.name, trial.static),
-           **dict(zip((SUBJECT, SETTING), trial.tried)), TEST: trial.test, LOAD: trial.load,
-           CHANGED: json.dumps({"set": trial.changed, "setting": trial.variant.settings}, default=str)}
+           **dict(zip((SUBJECT, SETTING), trial.tried)), TEST: trial.test, LOAD: trial.load}
     if outcome.value is None:
         return row
+    row[AGAIN] = run_command(trial.scene.name, trial.variant.engine, [
+        (trial.variant.parameter, f"{trial.step:g}"), ("fidelity", trial.variant.fidelity),
+        *(("set", f"{name}={as_given(value)}") for name, value in trial.changed.items()),
+        *(("setting", f"{name}={as_given(value)}") for name, value in trial.variant.settings.items())])
     found = outcome.value[0]
     if trial.test != RAMP:
         speed, gravity = abs(found.creep.value), trial.scene.gravity
@@ -634,8 +637,8 @@ def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, 
                    (Column(SUBJECT, "engine"), Column("over"), Column("kind"), Column("law [-]", "law", form="g"),
                     Column(FOUND, "found", "", FOUND_UNSURE, interval=True), Column("runs"),
                     Column("verdict"), Column("source", brief=False)))
-    yield view("hold-all", "Every run.", table, [Column(name) for name in table if name not in ("settings", "version")],
-               source="hold", in_report=False)
+    every = [Column(name) for name in table if name not in ("settings", "version", AGAIN)]
+    yield view("hold-all", "Every run.", table, every, source="hold", in_report=False)
 
 
 def _by_load(table: pd.DataFrame, methods: pd.DataFrame, loads: Sequence[float]) -> Rows:

@@ -34,11 +34,13 @@ from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUS
 from stiction.comparisons.methods import case_of
 from stiction.comparisons.presentation import (Axis, Chart, Column, Number, Panel, Presentation, Series, TableView,
                                                TracedText, count, listed, traced, value, view)
+from stiction.comparisons.presentation.cells import AGAIN
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.constraint_drift import POSITION, VELOCITY, above_rounding, drift_size
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
+from stiction.comparisons.variants import run_command
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, vary
@@ -207,8 +209,12 @@ def drift_study(runs: Sequence[LongRun], outcomes: Sequence[Outcome]) -> Tables:
     for run, outcome in zip(runs, outcomes, strict=True):
         made: DriftRun = outcome.value or ({"reason": outcome.reason or outcome.status}, ())
         row = {"scene": run.scene.name, "choice": run.choice.label, "step": run.step}
-        rows.append({**row, "run": run.name, "alpha [1/s]": run.choice.alpha or None,
-                     "beta [1/s]": run.choice.beta or None, "time [s]": run.t_end, **made[0], "status": outcome.status})
+        choice, gains = run.choice, run.choice.method == "baumgarte"
+        options = [("t-end", f"{run.t_end:g}"), ("dt", f"{run.step:g}"), ("setting", f"stabilization={choice.method}"),
+                   *(("set", f"stabilization.{name}={getattr(choice, name):g}") for name in ("alpha", "beta") if gains)]
+        rows.append({**row, "run": run.name, "alpha [1/s]": choice.alpha or None, "beta [1/s]": choice.beta or None,
+                     "time [s]": run.t_end, **made[0], "status": outcome.status,
+                     AGAIN: run_command(run.scene.name, "reference", options) if outcome.value else None})
         octaves += [{**row, "to [s]": end, OCTAVE: size} for end, size in made[1]]
     table = pd.DataFrame(rows)
     if IN_SHORT in table:

@@ -24,7 +24,7 @@ from stiction.comparisons.truth import Truth
 from stiction.comparisons.truth.truth import SAMPLES
 from stiction.comparisons.variants import Record
 from stiction.engines.registry import label_of
-from stiction.reports.run_folder.reproduce import again, again_held, again_study
+from stiction.reports.run_folder.reproduce import again
 from stiction.scenes import Trajectory, catalogue, load_scene
 from stiction.scenes.motion_table import with_sides
 from stiction.scenes.trajectory import events_frame
@@ -33,8 +33,6 @@ TRUTH = "truth/"
 """Begins the key of a truth, before its name, in ``events.parquet``."""
 SAMPLE_STEP = 1e-2
 """s; between the stored samples of a trajectory, at least."""
-SUMS_UP = ("threshold", "hold")
-"""Tables whose rows sum up runs that are not kept: a threshold has several, a held load is reduced to numbers."""
 
 
 def tables_of(results: Results) -> dict[str, pd.DataFrame]:
@@ -78,18 +76,18 @@ def words(value: Any) -> str:
 
 
 def data_tables(results: Results, stored: Container[str]) -> dict[str, pd.DataFrame]:
-    """Return `tables_of` a run with the file of each row's trajectory or, where it is not `stored`, its command."""
+    """Return `tables_of` a run with the file of each row's trajectory or, where it is not `stored`, its command.
+
+    Rows that sum up runs which are not kept, as of a threshold, have neither.
+    """
     everything = (*results.records, *results.timed)
     files = trajectory_files(everything, stored)
     commands = {record.key: again(record) for record in everything
                 if record.trajectory is not None and record.key not in files}
-    tables = tables_of(results)
+    tables, known = tables_of(results), {record.key for record in everything}
     for name, table in tables.items():
-        if "key" in table and name not in SUMS_UP:
+        if "key" in table and table["key"].isin(known).any():
             tables[name] = table.assign(**{TRAJECTORY: table["key"].map(files), AGAIN: table["key"].map(commands)})
-    for name, column, make in (("hold", "changed", again_held), ("study", "run", again_study)):
-        if column in (table := tables.get(name, pd.DataFrame())):
-            tables[name] = table.assign(**{AGAIN: [make(row) for row in table.to_dict("records")]})
     return tables
 
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from stiction.comparisons.environment import requirements
 from stiction.comparisons.results import Results
-from stiction.comparisons.variants import Record, has_static_coefficient, job, physics_of, run_key
+from stiction.comparisons.variants import Record, has_static_coefficient, job, physics_of, run_command, run_key
 from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml
 from stiction.scenes.wording import as_given
 
@@ -94,40 +93,10 @@ def again(record: Record) -> str | None:
                for name, value in job(scene, record.variant, record.step).arguments.items()]
     options += [("set", f"{name}.mus={mus!r}") for name, guide in declared.frictional_guides.items()
                 if guide.mus != (mus := scene.guides[name].mus)]
-    return _run(record.scene, record.variant.engine, options)
+    return run_command(record.scene, record.variant.engine, options)
 
 
 @cache
 def _declared(name: str) -> Scene:
     """Read a scene of the catalogue once: each has dozens of runs, and reading it takes 5 ms."""
     return load_scene(name)
-
-
-def again_held(row: Mapping[str, Any]) -> str | None:
-    """Return the command for a held load, of a row of its table; None for a failed one."""
-    if not _is_run(row):
-        return None
-    changed = [(option, f"{name}={as_given(value)}") for option, values in json.loads(row["changed"]).items()
-               for name, value in values.items()]
-    return _run(row["scene"], row["engine"],
-                [(row["parameter"], f"{row['step']:g}"), ("fidelity", row["fidelity"]), *changed])
-
-
-def again_study(row: Mapping[str, Any]) -> str | None:
-    """Return the command for a run of the study of drift, of a row of its table; None for a failed one."""
-    if not _is_run(row) or "time [s]" not in row:
-        return None
-    method = row["choice"].partition(" ")[0].lower()
-    gains = ("alpha", "beta") if method == "baumgarte" else ()
-    return _run(row["scene"], "reference", [
-        ("t-end", f"{row['time [s]']:g}"), ("dt", f"{row['step']:g}"), ("setting", f"stabilization={method}"),
-        *(("set", f"stabilization.{name}={row[f'{name} [1/s]']:g}") for name in gains)])
-
-
-def _is_run(row: Mapping[str, Any]) -> bool:
-    return row.get("status", "ok") == "ok" and row["scene"] in catalogue()
-
-
-def _run(scene: str, engine: str, options: Iterable[tuple[str, str]]) -> str:
-    words = ["stiction", "run", scene, "--engine", engine]
-    return shlex.join(words + [word for name, value in options for word in (f"--{name}", value)])

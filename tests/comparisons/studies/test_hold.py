@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.depth import Depth
+from stiction.comparisons.presentation.cells import AGAIN
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies import hold
 from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT
@@ -26,7 +27,6 @@ from stiction.comparisons.timing.rounds import VisitTimes
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines import load_engine
-from stiction.reports.run_folder.reproduce import again_held
 from stiction.scenes import InputError, catalogue, load_scene, vary
 
 SCENES = [name for name in catalogue() if name.startswith("hold-")]
@@ -339,9 +339,9 @@ def test_the_time_of_a_setting_is_the_median_of_repeats(monkeypatch, compiled):
 def test_a_row_has_the_command_that_runs_it_again(quick, in_this_process):
     rows = quick.tables["hold"].to_dict("records")
     for row in (rows[0], rows[-1]):
-        ended = CliRunner().invoke(app, shlex.split(again_held(row))[1:])
+        ended = CliRunner().invoke(app, shlex.split(row[AGAIN])[1:])
         assert ended.exit_code == 0, ended.output
-    assert "--set part=0.9" in again_held(rows[0]) and again_held({**rows[0], "status": "crashed"}) is None
+    assert "--set part=0.9" in rows[0][AGAIN]
 
 
 def test_a_scene_without_the_parameters_is_refused():

@@ -12,7 +12,7 @@ from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
 from stiction.comparisons.campaigns.participants import REFERENCE, cost_variants, extent, variants
 from stiction.comparisons.methods import (MISSING_ENGINE, called, case_of, groups, known_of, methods, succeeded,
                                           with_columns)
-from stiction.comparisons.presentation import (Axis, Chart, Column, Headline, Number, Part, Presentation, Series,
+from stiction.comparisons.presentation import (LIMIT, Axis, Chart, Column, Headline, Number, Part, Presentation, Series,
                                                TableView, TracedText, count, listed, scaled_value, sentence, traced,
                                                value, view)
 from stiction.comparisons.results import Results
@@ -328,14 +328,17 @@ def _figure(cost: pd.DataFrame) -> Chart:
     friction, events = (known_of(drawn, column) for column in (FRICTION_BY, EVENTS_BY))
     marks = {variant: " *" * ("adapter" in f"{friction[variant]} {events[variant]}") for variant in friction}
 
+    ends = drawn[TOTAL].agg(["min", "max"]).to_numpy(float)
+
     def series(here: pd.DataFrame) -> list[Series]:
-        return [Series(variant + marks[variant], runs[TOTAL].to_numpy(float), runs[ERROR].to_numpy(float), look=variant,
-                       points=True) for variant, runs in here.groupby("variant", sort=False)]
+        found = [Series(variant + marks[variant], runs[TOTAL].to_numpy(float), runs[ERROR].to_numpy(float),
+                        look=variant, points=True) for variant, runs in here.groupby("variant", sort=False)]
+        return [*found, Series("", ends, ends * 0 + TARGET, look=LIMIT)] if found else []
 
     return chart_by_case(
         "work-precision", "Position error over total CPU time, a line a refinement series: down and to the left is "
         "better. A row of panels holds methods at the same fidelity and physics. *: our adapter does a part of the "
-        "work, the friction law or the location of events, whose time is included.", drawn,
+        "work, the friction law or the location of events, whose time is included. Dotted: 1 mm.", drawn,
         Axis("total CPU time [s]", log=True), "position error [m]", series)
 
 

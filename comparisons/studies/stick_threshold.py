@@ -367,13 +367,15 @@ def _figure(measured: pd.DataFrame) -> Chart:
     for place, variant in enumerate(names):
         runs = measured[measured["variant"] == variant].sort_values("step", ascending=False)
         y = -place + np.linspace(0.25, -0.25, len(runs)) if len(runs) > 1 else np.array([float(-place)])
-        error, unsure = runs[ERROR].to_numpy(float), runs[UNCERTAINTY].to_numpy(float)
+        is_known = runs[CHANGE].notna() | (runs["parameter"] != "dt")
+        error, unsure = runs[ERROR].to_numpy(float), runs[UNCERTAINTY].where(is_known).to_numpy(float)
         series.append(Series("", error, y, error - unsure, error + unsure, look=variant, line=False, points=True))
     places = Axis("", ticks=[float(-place) for place in range(len(names))], words=names)
     panel = Panel("", Axis("threshold on F0, less that of the truth [N]"), places, series, horizontal=True,
                   lines=(0.0,))
     return Chart("threshold", "Stick threshold of each method less that of the truth, at each step from coarse (above) "
-                 "to fine. Bars: the bracket that the search ended with and the change from the coarser step.",
+                 "to fine. Bars: the bracket that the search ended with and the change from the coarser step. The "
+                 "coarsest step has none.",
                  (panel,), columns=1, height=1.0 + 0.24 * len(names))
 
 

@@ -98,8 +98,10 @@ FORMS: Mapping[str, Callable[[Any, Any], Any]] = {
     "soft_norm": lambda part, tolerance: tolerance * part / np.sqrt(1.0 - part * part)}
 """Creep at a part p of mu N by a law f = mu N g(v) that is zero at rest: g^-1(p), whatever mu and N are.
 
-`linear_zone` has g = v/zone (Exudyn's ``friction_zone``), `soft_norm` g = v/sqrt(v^2 + e^2): Drake's contacts with e =
-``stiction_tolerance`` (Castro, Han & Masterjohn 2023, "A theory of irrotational contact fields").
+`linear_zone` has g = v/zone (Exudyn's ``friction_zone``), `soft_norm` g = v/sqrt(v^2 + e^2): Drake's "lagged",
+"similar" and continuous contacts with e = ``stiction_tolerance`` (Castro, Han & Masterjohn 2023, "A theory of
+irrotational contact fields"). In discrete steps h this holds from e = 1e-3 w h mu N on, of a contact with the normal
+force N and the inverse mass w: below it that regularization, the only one of "sap", is the wider one.
 """
 
 

@@ -50,9 +50,9 @@ class ResultTable:
     """Results of a run as anybody's program gives them, checked.
 
     `origin`: the file's name, for messages. `t`: seconds, shape (n,), not decreasing, within 0 .. t_end and a last
-    step; a time that occurs more than once is an event, from the row before it to the row after it. `columns`: by the scene's names, each of shape (n,), in SI units; numbers are finite, but forces may be nan
-    where several guides with friction can leave them open. `left_out`: columns that are none of the scene's, and
-    resemble none.
+    step; a time that occurs more than once is an event, from the row before it to the row after it. `columns`: by the
+    scene's names, each of shape (n,), in SI units; numbers are finite, but forces may be nan where several guides with
+    friction can leave them open. `left_out`: columns that are none of the scene's, and resemble none.
     """
 
     origin: str

@@ -89,7 +89,8 @@ def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | 
     """Write the pictures of a run that moved, and print the names of the files."""
     from stiction.comparisons.atomic_files import whole_file
 
-    makers = (("--plot", plot, lambda file: trajectory.plot().write(file)), ("--animate", animation, trajectory.animate))
+    makers = (("--plot", plot, lambda file: trajectory.plot().write(file)),
+              ("--animate", animation, trajectory.animate))
     for option, path, make in makers if len(trajectory.t) > 1 else ():
         if path is not None:
             with about(option), whole_file(path) as partial:

@@ -4,7 +4,6 @@ import json
 import os
 import sys
 import time
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,6 @@ from stiction.comparisons.timing.rounds import seconds_of
 from stiction.comparisons.variants import Record
 from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Outcome, Refused, UnknownEngine,
                               load_engine, run_isolated)
-from stiction.engines.program.declaration import Declaration
 from stiction.engines.shared.declared_engine import DIFFERENCES
 from stiction.scenes import FileError, InputError, load_scene, scene_from_dict, vary
 

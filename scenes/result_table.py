@@ -50,9 +50,9 @@ class ResultTable:
     """Results of a run as anybody's program gives them, checked.
 
     `origin`: the file's name, for messages. `t`: seconds, shape (n,), not decreasing, within 0 .. t_end and a last
-    step. `columns`: by the scene's names, each of shape (n,), in SI units; numbers are finite, but forces may be nan
-    where several guides with friction can leave them open. `left_out`: columns that are none of the scene's, and
-    resemble none.
+    step; a time that occurs more than once is an event, from the row before it to the row after it. `columns`: by the
+    scene's names, each of shape (n,), in SI units; numbers are finite, but forces may be nan where several guides with
+    friction can leave them open. `left_out`: columns that are none of the scene's, and resemble none.
     """
 
     origin: str
@@ -80,7 +80,13 @@ class ResultTable:
 
 
 def parse_map(texts: Iterable[str]) -> dict[str, str]:
-    """Read ``MINE=COLUMN`` as names by the table's names; ``MINE=-COLUMN`` reverses a sign, ``MINE=`` leaves out."""
+    """Read ``MINE=COLUMN`` as names by the table's names; ``MINE=-COLUMN`` reverses a sign, ``MINE=`` leaves out.
+
+    Raises
+    ------
+    InputError
+        For a text without both ends.
+    """
     mapping = {}
     for text in texts:
         mine, equals, column = (part.strip() for part in text.rpartition("="))
@@ -92,7 +98,13 @@ def parse_map(texts: Iterable[str]) -> dict[str, str]:
 
 
 def parse_units(text: str) -> dict[str, float]:
-    """Read ``mm,deg`` as sizes in SI by what they measure; everything else stays in SI."""
+    """Read ``mm,deg`` as sizes in SI by what they measure; everything else stays in SI.
+
+    Raises
+    ------
+    InputError
+        For an unknown unit, or two of a kind.
+    """
     sizes: dict[str, float] = {}
     for name in filter(None, (part.strip() for part in text.split(","))):
         if name not in UNITS:
@@ -122,7 +134,8 @@ def result_table(frame: str | Path | pd.DataFrame | Mapping[str, Any], scene: Sc
     Raises
     ------
     ResultError
-        With all that is wrong in it.
+        For a file that cannot be read, unknown names that resemble the scene's, missing or repeated columns, what is
+        no finite number, times that decrease or lie outside of 0 .. t_end, lengths that differ.
     """
     if isinstance(frame, str | Path):
         frame, origin = _read(Path(frame)), str(frame)

@@ -11,6 +11,7 @@ import runpy
 import shlex
 import subprocess
 import sys
+import tomllib
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
 from importlib.util import find_spec
@@ -26,6 +27,8 @@ import stiction
 from stiction.cli.app import app
 from stiction.comparisons.campaigns.campaign import load_campaign
 from stiction.engines import EngineMissing, load_engine
+from stiction.engines.fmu.variables import Map
+from stiction.engines.program.declaration import Declaration
 from stiction.engines.protocol import OBLIGATORY
 from stiction.scenes import load_scene
 from stiction.scenes.columns import COLUMNS
@@ -223,6 +226,12 @@ class TestReference:
         for name in stiction.__all__:
             assert getattr(stiction, name).__doc__ if name != "app" else True, name
             assert name in ("app", "main") or f"### {name}\n" in TEXT["docs/reference/python.md"]
+
+
+@pytest.mark.parametrize(("page", "first", "model"), [("program", 'name = "mine"', Declaration), ("fmu", "scene = ", Map)])
+def test_declarations_show_every_key_and_no_other(page, first, model):
+    [text] = [text for language, text in blocks(f"docs/how-to/{page}.md") if language == "toml" and text.startswith(first)]
+    assert model.model_validate(tomllib.loads(text)).model_fields_set == set(model.model_fields)
 
 
 def test_engine(tmp_path, in_this_process):

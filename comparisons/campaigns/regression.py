@@ -1,9 +1,16 @@
 """Changes beyond noise: of runs against the baseline, of times against the history.
 
 A run is compared with that of the same identity in the baseline; one that it does not have is new. Every kind of number
-has its own rule, and knows how far rounding alone moves it (`tolerances`). Where that was not measured, errors, drift
-and counters are judged under the same `environment.conditions` only: no verdict depends on the make of the processor. A
-number that only one of two truths has, such as a kind of events, is compared within a tier only.
+has its own rule, and knows how far rounding alone moves it (`tolerances`):
+
+- status and events are compared exactly, and so are counters that rounding leaves alone;
+- other counters may differ by `FURTHER` times as much as rounding moves them;
+- truths may differ by their uncertainties;
+- errors and drift have hard bounds; one that rounding moves beyond its bound leads to no verdict.
+
+Where that was not measured, errors, drift and counters are judged under the same `environment.conditions` only: no
+verdict depends on the make of the processor. A number that only one of two truths has, such as a kind of events, is
+compared within a tier only.
 
 Times lead to a verdict only against the code before, timed in turns with it (`stiction.comparisons.timing.older_code`).
 The median over the runs of an engine decides, see `BOUND_TURNS`. Against a baseline or the history they are reported

@@ -130,8 +130,9 @@ class HardCase:
                      "nested": "x = " + "[" * 50_000}
             text = "".join(texts[name] for name in self.text)
             for found, replacement in self.change.items():
-                before, after = text.split(found)  # it is there once
-                text = before + replacement + after
+                if (times := text.count(found)) != 1:
+                    raise ValueError(f"cases.toml: {self.name}: change: found {found!r} {times} times; expected once")
+                text = text.replace(found, replacement)
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "scene.toml"
                 path.write_text(text)

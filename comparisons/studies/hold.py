@@ -14,13 +14,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import REFERENCE, variants
+from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
 from stiction.comparisons.measures.drift import ROUNDING
 from stiction.comparisons.measures.power_law import fitted_exponent
@@ -45,6 +46,7 @@ from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import FIDELITIES, EngineFailure
 from stiction.engines.registry import OWN_METHODS, load_engine
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
+from stiction.scenes.fields import Model, Positive
 from stiction.scenes.wording import as_given
 
 PARAMETERS = ("part", "ramp", "v0", "limit", "mu", "mus")
@@ -96,16 +98,74 @@ FORMS: Mapping[str, Callable[[Any, Any], Any]] = {
     "soft_norm": lambda part, tolerance: tolerance * part / np.sqrt(1.0 - part * part)}
 """Creep at a part p of mu N by a law f = mu N g(v) that is zero at rest: g^-1(p), whatever mu and N are.
 
-`linear_zone` has g = v/zone (Exudyn's ``friction_zone``), `soft_norm` g = v/sqrt(v^2 + e^2): Drake's contacts with e =
-``stiction_tolerance`` (Castro, Han & Masterjohn 2023, "A theory of irrotational contact fields").
+`linear_zone` has g = v/zone (Exudyn's ``friction_zone``), `soft_norm` g = v/sqrt(v^2 + e^2): Drake's "lagged",
+"similar" and continuous contacts with e = ``stiction_tolerance`` (Castro, Han & Masterjohn 2023, "A theory of
+irrotational contact fields"). In discrete steps h this holds from e = 1e-3 w h mu N on, of a contact with the normal
+force N and the inverse mass w: below it that regularization, the only one of "sap", is the wider one.
 """
 
 
+class Ramp(Model):
+    """Changed parameters of a ramp: from `part` of the limit, at the rate `ramp` (1/s), for `t_end` seconds."""
+
+    part: Positive
+    ramp: Positive
+    t_end: Positive
+
+
+class Stop(Model):
+    """The load of a stop, as a part of the limit, the first speed (m/s), and the seconds within which it rests."""
+
+    part: Positive
+    v0: Positive
+    landed: Positive
+
+
+class Runs(Model):
+    """The runs of a depth: scenes, loads, steps (s), whether ramp and stop are run, scenes on which settings are."""
+
+    scenes: tuple[str, ...]
+    loads: tuple[Positive, ...]
+    steps: tuple[Positive, ...]
+    moved: bool
+    settings: tuple[str, ...]
+
+
+class Law(Model):
+    """A law of the creep of a subject over one of its settings, from the value `least` on.
+
+    Either its `exponent`, or its `form`: one of `FORMS`.
+    """
+
+    subject: str
+    over: str
+    source: str
+    exponent: float | None = None
+    form: Literal["linear_zone", "soft_norm"] | None = None
+    least: float = 0.0
+
+    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        """Yield a law with both, or neither."""
+        if (self.exponent is None) == (self.form is None):
+            yield "form", self.form, "a form or an exponent"
+
+
+class Data(Model):
+    """Runs, settings and laws of the study; `regularization` is the setting with its speed, by engine and fidelity."""
+
+    ramp: Ramp
+    stop: Stop
+    depths: dict[Depth, Runs]
+    regularization: dict[str, str]
+    subjects: tuple[Subject, ...]
+    laws: tuple[Law, ...]
+
+
 @cache
-def load_data() -> dict[str, Any]:
-    """``data/hold.toml``: runs, settings and laws of the study; subjects as `Subject`."""
-    data = tomllib.loads((resources.files("stiction.comparisons") / "data" / "hold.toml").read_text(encoding="utf-8"))
-    return data | {"subjects": [Subject(**subject) for subject in data["subjects"]]}
+def load_data() -> Data:
+    """``data/hold.toml``."""
+    file = resources.files("stiction.comparisons") / "data" / "hold.toml"
+    return Data.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
 
 
 @dataclass(frozen=True)
@@ -153,7 +213,7 @@ def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> d
         raise InputError(f"{scene.name}: parameters: found no {', '.join(missing)}; expected {', '.join(PARAMETERS)}, "
                          "as the scenes hold-.. of the catalogue have them")
     data = load_data()
-    change = {HELD: {"part": load}, RAMP: data["ramp"], STOP: {name: data["stop"][name] for name in ("part", "v0")}}
+    change = {HELD: {"part": load}, RAMP: data.ramp.model_dump(), STOP: data.stop.model_dump(exclude={"landed"})}
     return {**change[test], **({} if static_coefficient else {"mus": scene.parameters["mu"]})}
 
 
@@ -202,7 +262,7 @@ def true_slip(scene: Scene, test: str) -> tuple[Slip, float]:
 
 def _window(scene: Scene, test: str) -> dict[str, Any]:
     """The end of the landing, and the period over which a held load's displacement is averaged."""
-    landed = load_data()["stop"]["landed"] if test == STOP else LANDING
+    landed = load_data().stop.landed if test == STOP else LANDING
     return {"landed": landed, "period": scene.parameters.get("period")}
 
 
@@ -213,19 +273,19 @@ def plan(scope: Scope) -> Comparison[Tables]:
     nearest to `COMMON_STEP` and loads up to `USUAL`. Contacts have one coefficient, mus = mu, as most engines' own.
     """
     data, one = load_data(), scope.scenes if len(scope.scenes) == 1 else ()
-    depth = data["depths"][scope.depth]
-    steps, middle = tuple(depth["steps"]), min(depth["steps"], key=lambda step: rank("dt", step))
+    depth = data.depths[scope.depth]
+    steps, middle = depth.steps, min(depth.steps, key=lambda step: rank("dt", step))
     compared = [replace(variant, ladder=steps if variant.parameter == "dt" else variant.ladder[-1:])
                 for variant in variants(scope.engines)]
-    tried = [variant for subject in data["subjects"] if scope.engines is None or subject.engine in scope.engines
+    tried = [variant for subject in data.subjects if scope.engines is None or subject.engine in scope.engines
              for variant in subject.variants((middle,))]
-    held = [(HELD, load) for load in depth["loads"]]
-    moved = [(RAMP, data["ramp"]["part"]), (STOP, data["stop"]["part"])] if depth["moved"] else []
+    held = [(HELD, load) for load in depth.loads]
+    moved = [(RAMP, data.ramp.part), (STOP, data.stop.part)] if depth.moved else []
     usual = [(test, load) for test, load in held if load <= USUAL]
     ways = [(scene, variant, variant.fidelity == "joint" and has_static_coefficient(variant), held + moved)
-            for scene in one or map(load_scene, depth["scenes"]) for variant in compared]
-    ways += [(scene, variant, False, usual) for scene in (one or map(load_scene, depth["settings"]))
-             if depth["settings"] for variant in tried]
+            for scene in one or map(load_scene, depth.scenes) for variant in compared]
+    ways += [(scene, variant, False, usual) for scene in (one or map(load_scene, depth.settings))
+             if depth.settings for variant in tried]
     trials = []
     for scene, variant, static, chosen in ways:
         for test, load in chosen:
@@ -276,7 +336,7 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
         row |= {CREEP: found.creep.value, UNSURE: found.creep.uncertainty}
         if trial.variant.parameter == "dt" and gravity:
             row[OF_STEP] = speed / (math.hypot(*gravity) * trial.step)
-        zone = load_data()["regularization"].get(f"{trial.variant.engine}, {trial.variant.fidelity}")
+        zone = load_data().regularization.get(f"{trial.variant.engine}, {trial.variant.fidelity}")
         if zone is not None:
             row[OF_ZONE] = speed / float(ends.settings[zone])
     if trial.test == HELD:
@@ -373,17 +433,16 @@ def laws_table(table: pd.DataFrame) -> pd.DataFrame:
         rows.append({SUBJECT: REFERENCE, "over": REST, "source": "derived in each scene",
                      "runs": int(succeeded(own).sum()), "verdict": word})
     tried = tried[tried[CREEP].abs() > tried[UNSURE]]
-    for law in load_data()["laws"]:
-        over, form = law["over"], law.get("form")
-        runs = tried[tried[SUBJECT] == law["subject"]]
-        runs = runs[(runs[SETTING] == DEFAULT) | runs[SETTING].str.startswith(f"{over}=", na=False)]
-        runs = runs.assign(over=[json.loads(settings).get(over) for settings in runs["settings"]])
-        runs = runs[runs["over"] >= law.get("least", 0.0)]
+    for law in load_data().laws:
+        runs = tried[tried[SUBJECT] == law.subject]
+        runs = runs[(runs[SETTING] == DEFAULT) | runs[SETTING].str.startswith(f"{law.over}=", na=False)]
+        runs = runs.assign(over=[json.loads(settings).get(law.over) for settings in runs["settings"]])
+        runs = runs[runs["over"] >= law.least]
         if runs.empty:
             continue
-        kind, expected = ("ratio", 1.0) if form else ("exponent", float(law["exponent"]))
-        found = _farthest(runs, form) if form else _power(runs)
-        rows.append({SUBJECT: law["subject"], "over": over, "kind": kind, "law [-]": expected, "source": law["source"],
+        kind, expected = ("exponent", law.exponent) if law.exponent is not None else ("ratio", 1.0)
+        found = _farthest(runs, law.form) if law.form else _power(runs)
+        rows.append({SUBJECT: law.subject, "over": law.over, "kind": kind, "law [-]": expected, "source": law.source,
                      "runs": len(runs), FOUND: found and found.value, FOUND_UNSURE: found and found.uncertainty,
                      "verdict": verdict(found, expected, BAND[kind])})
     return pd.DataFrame(rows, columns=[SUBJECT, "over", "kind", "law [-]", "source", "runs", FOUND, FOUND_UNSURE,

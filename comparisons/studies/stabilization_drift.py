@@ -16,6 +16,7 @@ starts with the angle of a later time has the later time's drift from the beginn
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -81,11 +82,13 @@ class Choice:
         return np.roots([1.0, 2 * self.alpha, self.beta ** 2])
 
     def amplification(self, step: float) -> float:
-        """Largest factor by which a step multiplies a residual with these Baumgarte terms."""
-        return float(np.max(np.abs(runge_kutta_factor(step * self.roots))))
+        """Largest factor by which a step multiplies a residual with these Baumgarte terms; nan without them."""
+        return math.nan if self.method != "baumgarte" else float(np.max(np.abs(runge_kutta_factor(step * self.roots))))
 
     def largest_step(self) -> float:
-        """The step at which residuals begin to grow with these Baumgarte terms, s."""
+        """The step at which residuals begin to grow with these Baumgarte terms, s; infinite without them."""
+        if self.method != "baumgarte":
+            return math.inf
         fastest = float(np.max(np.abs(self.roots)))
         return float(brentq(lambda step: self.amplification(step) - 1, 1.0 / fastest, 10.0 / fastest, xtol=1e-12))
 

@@ -37,6 +37,13 @@ class FmuEngine(DeclaredEngine):
     fmpy's CVode integrates to rtol and locates events; where fmpy has no CVode, Euler's method steps by dt.
     Accelerations that the FMU does not give are differences of velocities, and forces follow from the balance of
     momentum. The setting `logging` turns the FMU's debug logging on: what it logs is in the reason of a failed run.
+
+    Raises
+    ------
+    FileError
+        With what is wrong in the file or in its map.
+    EngineMissing
+        If fmpy is not installed, or the FMU has no binary for this machine.
     """
 
     version = ""

@@ -56,6 +56,13 @@ class ProgramEngine(DeclaredEngine):
     It reads a scene in its resolved form, and writes a table: ``t``, positions and velocities of all bodies, and what
     it has of accelerations, reactions, frictions and modes, by the names of columns. Accelerations that it does not
     give are differences of velocities, and forces follow from the balance of momentum.
+
+    Raises
+    ------
+    FileError
+        With all problems of the file at once.
+    EngineMissing, EngineBroken
+        If there is no such program, or it does not answer with its version.
     """
 
     version = ""

@@ -208,7 +208,9 @@ def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int
         size = max(size, D[i, i])
     A, b, cover = np.zeros((4 * n, 4 * n)), np.zeros(4 * n), np.zeros(4 * n)
     for i in range(4 * n):
-        cover[i] = 1.0 + 0.5 * (GOLDEN * (i + 1) % 1.0)  # the two corners on one surface have one tangent: no ties
+        # Lemke's covering vector, spread over 1 .. 1.5: the two corners on one surface have one tangent, and with equal
+        # weights their ties led his method to a ray within seconds of the paper's example
+        cover[i] = 1.0 + 0.5 * (GOLDEN * (i + 1) % 1.0)
     for i in range(n):
         for j in range(n):
             N, NT, TN, T = D[i, j] / size, D[i, n + j] / size, D[n + i, j] / size, D[n + i, n + j] / size

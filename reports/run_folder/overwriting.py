@@ -68,7 +68,10 @@ def _files(folder: Path) -> list[str]:
 
 def write_provenance(folder: Path, origin: Mapping[str, Any]) -> None:
     """Write `PROVENANCE`, last of all: where the numbers come from, and every file of the folder."""
-    text = json.dumps({**origin, "files": [*_files(folder), PROVENANCE]}, indent=2, ensure_ascii=False, default=str)
+    def plain(value: Any) -> Any:
+        return sorted(value) if isinstance(value, (set, frozenset)) else str(value)
+
+    text = json.dumps({**origin, "files": [*_files(folder), PROVENANCE]}, indent=2, ensure_ascii=False, default=plain)
     (folder / PROVENANCE).write_text(text + "\n", encoding="utf-8")
 
 

@@ -89,9 +89,10 @@ def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | 
     """Write the pictures of a run that moved, and print the names of the files."""
     from stiction.comparisons.atomic_files import whole_file
 
-    makers = (plot, lambda file: trajectory.plot().write(file)), (animation, trajectory.animate)
-    for path, make in makers if len(trajectory.t) > 1 else ():
+    makers = (("--plot", plot, lambda file: trajectory.plot().write(file)),
+              ("--animate", animation, trajectory.animate))
+    for option, path, make in makers if len(trajectory.t) > 1 else ():
         if path is not None:
-            with whole_file(path) as partial:
+            with about(option), whole_file(path) as partial:
                 make(partial)
             print(path)

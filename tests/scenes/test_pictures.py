@@ -11,9 +11,11 @@ import pytest
 from matplotlib.animation import FFMpegWriter
 from matplotlib.patches import FancyArrowPatch, Polygon
 from PIL import Image
+from typer import BadParameter
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
+from stiction.cli.pictures import write_pictures
 from stiction.engines import load_engine
 from stiction.scenes import catalogue, load_scene, scene_from_dict
 from stiction.scenes.model import Revolute
@@ -173,6 +175,9 @@ class TestFilm:
         stored = replace(run, mechanism=None)
         with pytest.raises(ValueError, match="mechanism: found None"):
             stored.animate("run.gif")
+        with pytest.raises(BadParameter) as refused:
+            write_pictures(stored, None, Path("run.gif"))
+        assert refused.value.param_hint == "--animate"
         assert "<svg" not in stored._repr_html_() and "end state" in stored._repr_html_()
 
 

@@ -232,6 +232,12 @@ class TestBrokenNight:
         assert {lost["key"].split("/")[1] for lost in summary["lost"]} == {"uninstalled", "crashing", "failing"}
 
 
+def test_a_crash_where_the_baseline_has_none_is_a_regression(folder, small_baseline):
+    """In a child, as it must be."""
+    ended = invoke("check", "small.toml", "--baseline", small_baseline, "--engine", "damaged_solvers:Crashing")
+    assert ended.exit_code == REGRESSED and "exit code 7" in ended.output, ended.output
+
+
 def test_budget_of_the_campaign_leaves_rows_that_say_so(folder, in_this_process):
     longer = SMALL.replace("rtol = [1e-9]", "rtol = [1e-6, 1e-9]")
     (folder / "long.toml").write_text(longer + "[budget]\ntotal = 1e-9\n")

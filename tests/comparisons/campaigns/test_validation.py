@@ -1,13 +1,57 @@
-"""A validation that is interrupted ends at once with a report that says so."""
+"""A validation during which an engine's process is killed, or which is interrupted, ends with a report that says so."""
 
+from dataclasses import replace
+
+import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
+from stiction.cli.app import app
+from stiction.cli.exit_codes import FINE
 from stiction.comparisons.campaigns.measurement import NOT_RUN
 from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.campaigns.validation import validate
 from stiction.comparisons.depth import Depth
+from stiction.comparisons.studies import accuracy
 from stiction.engines import Outcome
 from stiction.reports import report_of, write_report
+
+MORTAL = """
+import os
+import signal
+
+from stiction.engines.pymunk.engine import PymunkEngine
+
+class Mortal(PymunkEngine):
+    name = "mortal"
+
+    def run(self, scene, **arguments):
+        if scene.name == "slider-bar-case-2":
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().run(scene, **arguments)
+"""
+
+
+def test_a_child_that_dies_in_a_run_is_a_row(tmp_path, monkeypatch, compiled, short_validation):
+    """The whole way of `stiction validate` with the study of accuracy: all other runs are made and measured."""
+    (tmp_path / "mortal.py").write_text(MORTAL)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    engine = "mortal:Mortal"
+    first = {variant.label: replace(variant, ladder=variant.ladder[:1])
+             for variant in all_variants([engine], Depth.QUICK)}
+    short_validation((first["reference"], next(way for way in first.values() if way.engine == engine)))
+    monkeypatch.setattr("stiction.comparisons.campaigns.validation.studies", lambda: [accuracy.STUDY])
+
+    ended = CliRunner().invoke(app, ["validate", "--quick", "--engines", engine, "--out", "report"])
+
+    assert ended.exit_code == FINE and "1 crashed" in " ".join(ended.output.split()), ended.output
+    runs, measured = (pd.read_csv(f"report/data/{name}.csv").set_index("key") for name in ("runs", "accuracy"))
+    [lost] = runs.index[runs["status"] != "ok"]
+    assert list(runs.loc[lost, ["engine", "scene", "status"]]) == [engine, "slider-bar-case-2", "crashed"]
+    assert len(runs) == 2 * 3 and list(measured.index[measured["position error [m]"].isna()]) == [lost]
+    [row] = [line for line in (tmp_path / "report" / "failures.md").read_text().splitlines() if "SIGKILL" in line]
+    assert engine in row and "slider-bar-case-2" in row
 
 
 def test_an_interrupted_validation_ends_at_once_with_a_report(tmp_path, monkeypatch, compiled, short_validation):

@@ -107,7 +107,7 @@ def test_the_study_sees_a_solver_that_lets_a_drive_go(iterations, drifts, in_thi
     assert default[DRIFT] < default[ROUNDING] < 1e-10 and (changed[DRIFT] > 100 * changed[ROUNDING]) == drifts
 
 
-@pytest.mark.parametrize("subject", [*load_study().subjects, *load_data()["subjects"]],
+@pytest.mark.parametrize("subject", [*load_study().subjects, *load_data().subjects],
                          ids=lambda subject: subject.label)
 def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(subject):
     solver = installed(subject.engine)

@@ -356,3 +356,9 @@ def test_command(tmp_path, in_this_process):
     assert set(pd.read_csv(file)["scene"]) == {"hold-incline"} and "of our own hold" in ended.output
     ended = CliRunner().invoke(app, ["compare", "hold", "pendulum", "--quick"])
     assert ended.exit_code == BAD_INPUT
+
+
+@pytest.mark.parametrize("wrong", [{"form": "soft_norm", "exponent": -1.0}, {}, {"exponent": -1.0, "last": 1.0}])
+def test_a_law_has_a_form_or_an_exponent_and_no_key_that_nobody_reads(wrong):
+    with pytest.raises(ValueError, match="Law"):
+        hold.Law.model_validate({"subject": "mujoco, contact", "over": "impratio", "source": "manual", **wrong})

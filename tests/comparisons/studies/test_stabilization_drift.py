@@ -31,6 +31,7 @@ def test_stability_of_the_papers_choice():
     assert PAPERS.amplification(1.5e-2) < 1 < PAPERS.amplification(1.6e-2)
     for choice in CHOICES[1:-1]:
         assert choice.amplification(1e-9) == pytest.approx(1.0, abs=1e-6)
+    assert np.isnan(NONE.amplification(1e-3)) and PROJECTION.largest_step() == np.inf
 
 
 def test_the_plan_grows_with_the_depth():

@@ -4,7 +4,6 @@ import json
 import os
 import sys
 import time
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,6 @@ from stiction.comparisons.timing.rounds import seconds_of
 from stiction.comparisons.variants import Record
 from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Outcome, Refused, UnknownEngine,
                               load_engine, run_isolated)
-from stiction.engines.program.declaration import Declaration
 from stiction.engines.shared.declared_engine import DIFFERENCES
 from stiction.scenes import FileError, InputError, load_scene, scene_from_dict, vary
 
@@ -276,11 +274,7 @@ class TestDeclaration:
         with pytest.raises(InputError, match=words):
             load_engine(program(**change))
 
-    def test_example_of_the_documentation_is_one_and_other_files_are_refused(self, tmp_path):
-        page = (Path(__file__).parents[3] / "docs" / "how-to" / "program.md").read_text(encoding="utf-8")
-        [text] = [block for block in page.split("```toml\n") if block.startswith('name = "mine"')]
-        text = text.partition("```")[0]
-        assert Declaration.model_validate(tomllib.loads(text)).capabilities.friction_law
+    def test_other_files_are_refused(self, tmp_path):
         (tmp_path / "x.toml").write_text("name = ")
         with pytest.raises(FileError, match="file"):
             load_engine(str(tmp_path / "x.toml"))

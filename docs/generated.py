@@ -82,14 +82,15 @@ def _toml(value: Any) -> str:
     return f"[{', '.join(map(_toml, value))}]" if isinstance(value, tuple) else f"{value:g}"
 
 
-def symbols() -> str:
-    """The table of symbols of `stiction.reference_impl.paper`, which is in reStructuredText."""
+def equations() -> str:
+    """The table of equations of `stiction.reference_impl.paper`, which is in reStructuredText."""
     lines = inspect.getdoc(paper).splitlines()
     rules = [i for i, line in enumerate(lines) if line.startswith("=====")]
     starts = [found.start() for found in re.finditer("=+", lines[rules[0]])]
     rows = [[line[start:end].strip() for start, end in zip(starts, [*starts[1:], None])]
             for line in lines[rules[0] + 1:rules[2]] if not line.startswith("=")]
-    return _table([name or " " for name in rows[0]], [[f"`{row[0]}`", f"`{row[1]}`", *row[2:]] for row in rows[1:]])
+    heading, *rows = rows
+    return _table(heading, [[row[0], f"`{row[1]}`", *row[2:-1], f"`{row[-1]}`"] for row in rows])
 
 
 def engine(name: str) -> str:
@@ -171,7 +172,7 @@ def laws(file: str) -> str:
 
 
 GENERATED: dict[str, Callable[..., str]] = {
-    "scene_format": scene_format, "symbols": symbols, "engine": engine, "laws": laws,
+    "scene_format": scene_format, "equations": equations, "engine": engine, "laws": laws,
     "new_scene": lambda: f"```toml\n{new_scene_text()}```\n",
     "arithmetic": lambda: "Constants: {}. Functions: {}.\n".format(
         *(", ".join(f"`{name}`" for name in names) for names in (CONSTANTS, FUNCTIONS))),

@@ -1,4 +1,4 @@
-"""The terms of the equations of motion in dense NumPy, eqs. (18)-(25): M, QE, Phi, J, gamma, W_T. No compiled code.
+"""The terms of the equations of motion in dense NumPy, eqs. (8), (18)-(21): M, QE, Phi, J, gamma, W_T.
 
     M q'' = QE + J^T lambda + W_T^T lambda_T,   Phi'' = J q'' + gamma,   g_T'' = W_T q'' + w_T
 
@@ -128,19 +128,20 @@ class EquationsOfMotion:
         for joint in scene.joints.values():
             if isinstance(joint, Revolute):
                 d = motion.between(joint.bodies, joint.points)
-                rows += [d[0], d[1]]
+                rows += [d[0], d[1]]  # (18), CR
         for guide in scene.guides.values():
             u = motion.direction(guide.guide, guide.direction)
             d = motion.between(guide.bodies, (guide.slider_point, guide.point))
             rows += [u.turned().dot(d), motion.angle(guide.slider) - motion.angle(guide.guide)
-                     - motion.constant(guide.angle)]
+                     - motion.constant(guide.angle)]  # (18), CT
             if guide.frictional:
-                tangents.append(u.dot(d))
-        rows += [motion.driven(drive) for drive in scene.drives.values()]
+                tangents.append(u.dot(d))  # (8), of the guide
+        rows += [motion.driven(drive) for drive in scene.drives.values()]  # (19); all rows: (20)
         return Terms(self._applied(motion), *_stacked(rows, motion, ("value", "rate", "gamma", "jacobian")),
                      *_stacked(tangents, motion, ("jacobian", "gamma", "rate")))
 
     def _applied(self, motion: Motion) -> np.ndarray:
+        """QE of (21): gravity, springs, loads."""
         gravity = self.scene.gravity or (0.0, 0.0)
         QE = np.zeros_like(motion.q) + self.mass * np.resize([*gravity, 0.0], len(self.mass))
         for spring in self.scene.springs.values():

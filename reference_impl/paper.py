@@ -1,32 +1,40 @@
 """Zhuang & Wang (2014), eqs. (1)-(38), as written.
 
-Dense NumPy, in the paper's order and with its symbols, nothing compiled. Constraints and applied forces, (18)-(25), are
-those of `equations_of_motion`.
+Dense NumPy, in the paper's order and with its symbols, nothing compiled. Constraints, sliding of the guides and applied
+forces, (8) and (18)-(21), are those of `equations_of_motion` beside it.
 
 Read this with the paper; `hlcp` and `paper_scheme` are the same for many guides, redundant constraints and speed. It
 has what the paper has: revolute joints, sliders with corner forces on fixed or moving guides, drives, springs, loads,
 Baumgarte's stabilization.
 
-=============== ==================== ======================================================= ======= ==================
-paper           here                 what                                                    unit    compiled
-=============== ==================== ======================================================= ======= ==================
-q, q'           q, v                 x, y, angle of each body, and rates                     m, rad  mechanism.py
-M, QE           M, QE                masses; applied forces, (21)                            kg, N   dynamics.py
-Phi, J, gamma   phi, J, gamma        constraints [CR; CT; D], (20); Phi'' = J q'' + gamma    m, rad  kinematics.py
-alpha, beta     alpha, beta          Baumgarte's stabilization, (25)                         1/s     baumgarte.py
-lCR, lCT, lD    lambda_C             reactions of joints, guides, drives, (22), (26)         N, N m  dynamics.py
-q''             solve                accelerations from these forces, (33)                   m/s^2   dynamics.py
-F+, F-          F_plus, F_minus      corner forces, at -a/2 and +a/2, >= 0, (1)-(2)          N       coulomb.py
-H, G            H, G                 FN = H F+ + G F-, of a surface, (4), (10)               1       hlcp.py
-S, K            S, K                 lCT = S F+ + K F-, K = -S, (26)                         1, m    hlcp.py
-W_T, gT'        W_T, mode            sliding of the surfaces (+), (-), (8)-(9); sgn gT'      1, m    kinematics.py
-mubar, V        mubar, V             Coulomb's law, (3), (5)-(7), (11); which stick          1       coulomb.py
-muH, mt         muH, mt              V^T mus, (14); mubar - V muH                            1       hlcp.py
-lH+, lH-        lH_plus, lH_minus    mus FN +- lambda_H, >= 0, (14)                          N       hlcp.py
-gH+, gH-        gH_plus, gH_minus    gH'' = gH+ - gH-, >= 0, (12)-(13), (16)                 m/s^2   hlcp.py
-A0, A1, b       A0, A1, b            A0 y = A1 x + b, y, x >= 0, y^T x = 0, (27)-(38)                hlcp.py
-Lemke           lemke                solution of (37)-(38), pivot by pivot                           lemke.py
-=============== ==================== ======================================================= ======= ==================
+=============== ================= ================================================ ====== =========================
+paper           here              what                                             unit   compiled
+=============== ================= ================================================ ====== =========================
+(1)-(2)         F_plus, F_minus   corner forces, >= 0, one of a pair is 0          N      hlcp.solve
+(3)             mubar, mus        Coulomb's law of a slipping, a sticking surface  1      coulomb.coefficient
+(4), (10)       H, G              normal force of each surface: FN = H F+ + G F-   1      hlcp.assemble
+(5), (13), (16) gH_plus, gH_minus of a sticking surface: gH'' = gH+ - gH-          m/s^2  hlcp.read
+(6), (14), (17) lH_plus, lH_minus lH+- = muH FN +- lambda_H, lH+ = 2 muH FN - lH-  1, N   hlcp.assemble
+(7), (15)       lemke             gH+, lH+ >= 0, one of them 0; gH-, lH- alike            hlcp.solve
+(8)-(9)         W_T, w_T          sliding of surfaces (+), (-): gT' = W_T q'       1, m   kinematics.constraints_at
+(11)            mubar, V          lambda_T = mubar FN + V lambda_H; V: which stick 1      hlcp.assemble
+(12)            M2, w_T           gH'' = W_H q'' + w_H, W_H = V^T W_T                     hlcp.assemble
+(18)-(20)       phi, J, gamma     constraints [CR; CT; D]; Phi'' = J q'' + gamma   m, rad kinematics.constraints_at
+(21)            M, QE             masses; applied and inertial forces              kg, N  dynamics.applied_forces
+(22)-(24)       J, W_T            M q'' = QE + J^T lambda_C + W_T^T lambda_T       N, N m dynamics.acceleration
+(25), (31)      correction        Baumgarte's stabilization, alpha and beta        m/s^2  baumgarte.required
+(26)            S, K              of a guide's reaction: lCT = S F+ + K F-, K = -S 1, m   hlcp.assemble
+(27)-(28)       l_plus, l_minus   lCR, lD as differences of positive parts         N, N m hlcp.assemble
+(29)-(30)       lemke             these parts >= 0, one of each pair 0                    hlcp.solve
+(32), (35)      A0, A1, b         rows of the sticking surfaces                    m/s^2  hlcp.assemble
+(33)            solve             q'' of multipliers and frictions                 m/s^2  dynamics.acceleration
+(34)            A0, A1, b         rows of the constraints                          m/s^2  hlcp.assemble
+(36)            hlcp              A0 y = A1 x + b, with the rows of (17)                  hlcp.assemble
+(37)-(38)       lemke             y, x >= 0, y^T x = 0, pivot by pivot                    lemke.lemke
+=============== ================= ================================================ ====== =========================
+
+The compiled files are in ``friction`` and ``multibody``; q, v are the coordinates of each body, x, y, angle (m, rad),
+and their rates.
 
 Where the paper is silent the choices are those of `paper_scheme`.
 """
@@ -167,22 +175,22 @@ class Paper:
         w_T = np.repeat(terms.w, 2) + lever * np.repeat((terms.gamma + correction)[self.CT[1::2]], 2)
         stick = np.repeat(mode == 0, 2)
         V = np.eye(2 * n)[:, stick]                                                              # (11)
-        mubar = np.diag(np.repeat(-self.mu * mode, 2))
+        mubar = np.diag(np.repeat(-self.mu * mode, 2))                                           # (3), (11)
         muH = V.T @ np.diag(np.repeat(self.mus, 2))                                              # (14)
         mt = mubar - V @ muH
         H, G, S, K = self.H, self.G, self.S, self.K
-        M1, M2 = J @ np.linalg.inv(M), V.T @ W_T @ np.linalg.inv(M)                              # (36)
+        M1, M2 = J @ np.linalg.inv(M), V.T @ W_T @ np.linalg.inv(M)                              # (12)
         MKG, MSH = J_CT.T @ K + W_T.T @ mt @ G, J_CT.T @ S + W_T.T @ mt @ H
         rows, h = len(J), V.shape[1]
         E, none = np.eye(h), np.zeros
-        A0 = np.block([[M1 @ J_lr.T, M1 @ MKG, none((rows, h)), none((rows, h))],
-                       [M2 @ J_lr.T, M2 @ MKG, -E, none((h, h))],
-                       [none((h, len(J_lr))), -2 * muH @ G, none((h, h)), E]])
+        A0 = np.block([[M1 @ J_lr.T, M1 @ MKG, none((rows, h)), none((rows, h))],                # (31), (34)
+                       [M2 @ J_lr.T, M2 @ MKG, -E, none((h, h))],                                # (32), (35)
+                       [none((h, len(J_lr))), -2 * muH @ G, none((h, h)), E]])                   # (17)
         A1 = np.block([[M1 @ J_lr.T, -M1 @ MSH, -M1 @ W_T.T @ V, none((rows, h))],
                        [M2 @ J_lr.T, -M2 @ MSH, -M2 @ W_T.T @ V, -E],
                        [none((h, len(J_lr))), 2 * muH @ H, -E, none((h, h))]])
         b = np.concatenate([-(M1 @ QE + terms.gamma + correction), -(M2 @ QE + V.T @ w_T), none(h)])
-        return HLCP(A0, A1, b, M, QE, J, W_T, mt, V)
+        return HLCP(A0, A1, b, M, QE, J, W_T, mt, V)                                             # (36)
 
     def solve(self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray) -> Solution:
         """Solve the HLCP by Lemke's method, and eq. (33) for the accelerations.
@@ -200,19 +208,22 @@ class Paper:
         smooth, corners, surfaces = len(self.CR_D), 2 * len(self.a), V.shape[1]
         cover = np.ones(len(b))
         cover[len(b) - surfaces:] = COVER
+        # (37)-(38), which are (2), (15), (29) and (30)
         y, x = lemke(np.linalg.solve(A0, A1), np.linalg.solve(A0, b), cover)
         parts = np.cumsum([smooth, corners, surfaces])
         l_plus, F_minus, gH_plus, _ = np.split(y, parts)
         l_minus, F_plus, lH_plus, gH_minus = np.split(x, parts)
-        lambda_T = mt @ (self.H @ F_plus + self.G @ F_minus) + V @ lH_plus                       # (11), (14)
+        FN = self.H @ F_plus + self.G @ F_minus                                                  # (4), (10)
+        lambda_T = mt @ FN + V @ lH_plus                                                         # (11), (14)
         lambda_C = np.zeros(len(J))
-        lambda_C[self.CR_D] = l_plus - l_minus
-        lambda_C[self.CT] = self.S @ F_plus + self.K @ F_minus
-        acceleration = np.linalg.solve(M, QE + J.T @ lambda_C + W_T.T @ lambda_T)                # (33)
+        lambda_C[self.CR_D] = l_plus - l_minus                                                   # (27)-(28)
+        lambda_C[self.CT] = self.S @ F_plus + self.K @ F_minus                                   # (26)
+        acceleration = np.linalg.solve(M, QE + J.T @ lambda_C + W_T.T @ lambda_T)                # (22)-(24), (33)
         plus, minus = lambda_T[0::2], lambda_T[1::2]
         lambda_C[self.CT[1::2]] += self.width / 2 * (plus - minus)
         terms = np.abs(W_T @ np.linalg.solve(M, np.hstack([QE[:, None], J.T * lambda_C, W_T.T * lambda_T])))
-        return Solution(acceleration, lambda_C, plus + minus, (gH_plus - gH_minus)[0::2],
+        gH = gH_plus - gH_minus                                                                  # (16)
+        return Solution(acceleration, lambda_C, plus + minus, gH[0::2],
                         REST * np.max(terms, initial=0.0))
 
     def decide(self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray) -> tuple[np.ndarray, Solution]:

@@ -6,8 +6,9 @@ compared are timed in rounds, one at a time, in turns forwards and backwards. So
 for all. A visit repeats a short run for `BLOCK` seconds, and its sample is their median. Runs beyond the budget of
 their refinement series are timed once, beside each other, and their times are unsure.
 
-The calibration kernel is timed in each visit, 2 ms in all before and after the run. It tells whether the machine was
-`is_disturbed`: such a visit is repeated after the rounds. No time is corrected by it. The load by others is reported.
+The calibration kernel is timed in each visit, 2 ms in all before and after the run. It tells whether the visit
+`is_disturbed`: then `timed_runs.time_runs` repeats it after the rounds. No time is corrected by it. The load by others
+is reported.
 """
 
 from __future__ import annotations

@@ -7,7 +7,8 @@ Joint fidelity. The mechanism is one multibody on a fixed base, its joints those
 `stiction.engines.shared.link_tree.LinkTree`. Revolute joints that close a loop are point-to-point constraints,
 corrected by `erp` of their error each step; a translational joint that closes a loop is refused: `createConstraint` has
 `JOINT_PRISMATIC`, but no motor, and friction is held by one. Drives: velocity motors. Friction: a velocity motor at
-rest with `force` at the bound. All damping that PyBullet adds by default is switched off.
+rest with `force` at the bound of `stiction.engines.shared.friction_bound`. All damping that PyBullet adds by default is
+switched off.
 
 Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, without clearance.
 """

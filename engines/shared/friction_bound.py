@@ -8,7 +8,7 @@ Wang 2014, Sect. 5, reduced to one slider):
     n1 + n2 = R ,   n2 - n1 = (2/a) (T + (b/2) s c R) ,   |n1| + |n2| = max(|n1 + n2|, |n2 - n1|)
 
 and |R| where the guide has no length. Reactions depend on the friction, so where stick and slip are decided the step is
-repeated with the reactions it gave. The arithmetic is compiled, in `step_kernels`.
+repeated with the reactions it gave. The arithmetic is compiled: `_set_caps` and `_judge` of `step_kernels`.
 """
 
 from __future__ import annotations

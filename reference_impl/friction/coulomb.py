@@ -9,7 +9,8 @@ coefficient kappa, so that the friction is kappa (N+ + N-); a guide that slips i
 
     N = T - (b/2) kappa R,    n_j = R/2 -+ N/a,    N+ + N- = |n1| + |n2| = max(|R|, (2/a) |N|)
 
-and N+ + N- = |R| for a guide without length. The law as a complementarity, eqs. (4) and (10), is in `hlcp`.
+and N+ + N- = |R| for a guide without length. The law as a complementarity, eqs. (4)-(7)
+and (10)-(17), is in `hlcp.assemble`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Baumgarte's stabilization: `Phi'' + 2 alpha Phi' + beta^2 Phi = 0` in the place of `Phi'' = 0`, compiled.
 
-Baumgarte (1972), and eq. (25) of the paper. With Phi'' = J q'' + gamma the constraint rows ask for
+Baumgarte (1972), and eqs. (25), (31) of the paper. With Phi'' = J q'' + gamma the constraint rows ask for
 
     J q'' = -gamma - 2 alpha Phi' - beta^2 Phi.
 

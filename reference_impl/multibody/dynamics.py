@@ -140,7 +140,7 @@ def row_acceleration(w, r, force):
 
 @kernel
 def acceleration(m, w, force, a):
-    """q'' = M^-1 (Q + J^T force) into a (3 * bodies,)."""
+    """q'' = M^-1 (Q + J^T force) into a (3 * bodies,): eqs. (22)-(24) and (33)."""
     for i in range(len(a)):
         a[i] = w.free[i]
     add_rows(m, w, force, a)

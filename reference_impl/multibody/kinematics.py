@@ -108,7 +108,7 @@ def row_along(J, row, ux, uy, arms, dx, dy):
 
 @kernel(inline=True)
 def constraints_at(m, w, t, q, v):
-    """Fill rotation, J, phi, phi_dot, gamma and slip_speed of the workspace at (t, q, v).
+    """Fill rotation, J, phi, phi_dot, gamma and slip_speed of the workspace at (t, q, v): eqs. (8), (18)-(20).
 
     gamma of u . d with u fixed in body b: u.(c_a - c_b) + 2 omega (k x u).d' - omega^2 u.d, where c are the
     centripetal accelerations of the points; of the distance |d| with e = d/|d|:

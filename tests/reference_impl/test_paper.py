@@ -1,7 +1,9 @@
 """The paper's equations as written, in dense NumPy, against the compiled ones: rows, HLCP, solutions, the fixed-step scheme."""
 
+import re
 import subprocess
 import sys
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from random_mechanisms import moderate_scene
 
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.engines.reference.engine import ReferenceEngine
+from stiction.reference_impl import paper as paper_module
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.outcomes import SOLVED
@@ -21,9 +24,9 @@ from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.paper import NoSolution, Paper, lemke
 from stiction.scenes import SceneError, catalogue, load_scene, scene_from_dict, vary
 
-ROUNDING = 1e-11
 NONE = {"method": "none"}
 """The paper does not project."""
+ROUNDING = 1e-11
 """Relative: sums of some ten terms, levers and inverse masses between 0.1 and 100."""
 SETTINGS = settings(max_examples=60, deadline=None, derandomize=True, database=None,
                     suppress_health_check=[HealthCheck.too_slow])
@@ -68,6 +71,18 @@ def in_order(paper, mechanism):
 def test_nothing_compiled_is_imported():
     code = "import sys, stiction.reference_impl.paper; print([name for name in sys.modules if name.partition('.')[0] in ('numba', 'llvmlite')])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+
+
+def test_the_table_has_each_equation_once_and_names_functions_that_exist():
+    rows = [line for line in paper_module.__doc__.splitlines() if line.startswith("(")]
+    found = []
+    for row in rows:
+        for first, last in re.findall(r"\((\d+)\)(?:-\((\d+)\))?", row[:16]):
+            found += range(int(first), int(last or first) + 1)
+        module, function = row.split()[-1].split(".")
+        part = "friction" if module in ("hlcp", "coulomb", "lemke") else "multibody"
+        assert hasattr(import_module(f"stiction.reference_impl.{part}.{module}"), function), row
+    assert sorted(found) == list(range(1, 39))
 
 
 @pytest.mark.parametrize("name", [name for name in [*catalogue(), *catalogue("hard")] if len(load_scene(name).bodies) < 20])

@@ -7,7 +7,7 @@ import pytest
 
 from stiction.comparisons.truth import slider_bar_truth, trammel_truth
 from stiction.engines import BadTrajectory, EngineFailure, Refused, load_engine
-from stiction.scenes import load_scene, scene_from_dict, scene_to_toml, vary
+from stiction.scenes import InputError, load_scene, scene_from_dict, scene_to_toml, vary
 
 pytest.importorskip("pydrake")
 G = 9.81
@@ -233,3 +233,13 @@ def test_a_box_at_rest_begins_at_rest(engine):
     run = engine.simulate(load_scene("hard/break-away-for-a-millisecond"), t_end=1.0, dt=1e-3, fidelity="contact", output_step=1e-2)
     assert np.abs(run["slider.x"] - run["slider.x"][0]).max() < 1e-4  # creep of the regularized friction; with mu alone it is 0.1 m
     assert np.all(run["guide.mode"] == 0)
+
+
+@pytest.mark.parametrize(("settings", "words"), [
+    *(({name: 0.0}, f"{name}: found 0.0; expected a number > 0") for name in ("near_rigid", "stiction_tolerance")),
+    *(({"method": "continuous", **settings}, words) for settings, words in [
+        ({"dt": 1e-3}, "found dt or joint fidelity"), ({"fidelity": "joint"}, "found dt or joint fidelity"), ({"passes": 2}, "passes: drake has no such setting"),
+        *(({name: 0.0}, f"{name}: found 0.0") for name in ("stiffness", "stiction_tolerance", "longest_step"))])])
+def test_bad_settings(engine, settings, words):
+    with pytest.raises(InputError, match=words):
+        engine.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), **{"t_end": 0.1, "fidelity": "contact", **settings})

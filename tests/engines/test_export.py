@@ -124,8 +124,8 @@ def test_the_mjcf_makes_the_motion_of_the_adapter(name, fidelity, t_end, off, tm
 
 
 @pytest.mark.parametrize(("name", "t_end"), [
-    ("slider-bar-case-1", 8.0), ("slider-bar-case-3", 4.0), ("coulomb-oscillator", 4.0), ("block-on-incline", 2.0),
-    ("mass-on-belt", 4.0), ("slider-on-moving-guide", 8.0), ("hard/weightless-instants", 2.0), ("floating", 2.0)])
+    ("slider-bar-case-1", 4.5), ("slider-bar-case-3", 2.5), ("coulomb-oscillator", 4.0), ("block-on-incline", 2.0),
+    ("mass-on-belt", 4.0), ("slider-on-moving-guide", 4.0), ("hard/weightless-instants", 2.0), ("floating", 2.0)])
 def test_the_urdf_makes_the_motion_of_the_adapter(name, t_end, tmp_path, capfd):
     """Plain PyBullet reads the file without a warning and steps it, given what its header names."""
     pybullet = pytest.importorskip("pybullet")
@@ -228,7 +228,7 @@ def test_what_a_format_cannot_say_is_refused(arguments, code, words):
 
 
 @pytest.mark.parametrize(("name", "t_end"), [
-    ("slider-bar-case-1", 24.0), ("slider-bar-case-3", 8.0), ("slider-crank", 4.0), ("four-bar", 2.0),
+    ("slider-bar-case-1", 4.5), ("slider-bar-case-3", 2.5), ("slider-crank", 2.0), ("four-bar", 2.0),
     ("mass-on-belt", 2.0), ("block-on-incline", 2.0)])
 def test_the_script_makes_the_motion_of_the_adapter(name, t_end, tmp_path):
     """Run by a Python that finds no stiction, it ends where the adapter does."""

@@ -13,7 +13,7 @@ from stiction.engines.exudyn.model import PointDistance
 from stiction.engines.exudyn.stepping import SHORTEST_STEP
 from stiction.engines.protocol import UNSETTLED
 from stiction.reference_impl.multibody.reactions import recover_columns
-from stiction.scenes import load_scene, scene_from_dict, vary
+from stiction.scenes import InputError, load_scene, scene_from_dict, vary
 from stiction.scenes.model import LinearSpring
 
 
@@ -38,12 +38,13 @@ def position_error(engine, case, dt, t_end, **settings):
 
 
 class TestSliderBar:
+    @pytest.mark.parametrize("integrator", ["generalized-alpha", "trapezoidal"])
     @pytest.mark.parametrize("case", [1, 2, 3])
-    def test_second_order_across_switches(self, engine, case):
-        steps = (4e-3, 2e-3, 1e-3)
-        errors = [position_error(engine, case, dt, 4.0) for dt in steps]
+    def test_second_order_across_switches(self, engine, case, integrator):
+        steps = (4e-3, 2e-3)
+        errors = [position_error(engine, case, dt, 4.0, integrator=integrator) for dt in steps]
         # second order: a factor 4; 3 leaves room for where the switches lie in their steps
-        assert errors[0] > 3 * errors[1] > 9 * errors[2]
+        assert errors[0] > 3 * errors[1]
         # the acceleration of another instant of the step, in the velocity and in the position: a h^2/2 each
         acceleration = np.abs(slider_bar_truth(load_scene(f"slider-bar-case-{case}"), 4.0)(np.linspace(0.0, 4.0, 4001))["slider.ax"]).max()
         assert np.all(errors < acceleration * np.square(steps))
@@ -107,15 +108,10 @@ class TestSliderBar:
 class TestBristles:
     """Exudyn's own friction, whose bound alone is the adapter's."""
 
-    def test_error_falls_with_the_step_to_that_of_the_bristles(self, engine):
-        coarse, fine = (position_error(engine, 1, dt, 4.0, method="bristles") for dt in (1e-2, 2e-3))
-        assert fine < 0.6 * coarse
-        assert fine < 0.02  # m, of motions of 1 m: a model of friction, not a bug in it
-
-    def test_error_goes_on_falling_below_a_millisecond(self, engine):
+    def test_error_falls_with_the_step_below_a_millisecond_too(self, engine):
         """The speed at which the static excess is left falls with the step: a fixed one of 1e-3 m/s left 5e-3 m at any step."""
-        coarse, fine = (position_error(engine, 1, dt, 8.0, method="bristles") for dt in (1e-3, 2.5e-4))
-        assert coarse < 2.5e-3 and fine < coarse / 2
+        coarse, middle, fine = (position_error(engine, 1, dt, 4.5, method="bristles") for dt in (1e-2, 1e-3, 2.5e-4))
+        assert middle < 0.6 * coarse and middle < 2.5e-3 and fine < middle / 2
 
     def test_static_excess_is_the_same_in_other_units(self, engine):
         """It is measured by what it does in a step, not in m/s; the bristles' stiffness stays a number in SI units, so that 2 % are left."""
@@ -151,11 +147,6 @@ class TestBristles:
         assert "engine" in run.settings["friction_law"]
 
 class TestIntegrators:
-    @pytest.mark.parametrize("case", [1, 2, 3])
-    def test_trapezoidal_is_of_second_order_across_switches(self, engine, case):
-        coarse, fine = (position_error(engine, case, dt, 4.0, integrator="trapezoidal") for dt in (4e-3, 1e-3))
-        assert coarse > 9 * fine  # 16 for the second order
-
     def test_index_2_leaves_a_residual_of_positions_and_index_3_of_velocities(self, engine):
         subject = load_scene("slider-crank")
         runs = [engine.simulate(subject, t_end=1.0, dt=2e-3, integrator=name) for name in ("generalized-alpha", "trapezoidal")]
@@ -177,15 +168,10 @@ class TestClosedForms:
             "angle": slope, "mu": mu, "mus": mus, "length": 0.4, "width": 0.0}})
 
     @pytest.mark.parametrize("slope", [0.2, -0.2])
-    def test_sticks_just_below_the_static_angle(self, engine, slope):
-        held = engine.simulate(self.incline(0.1, math.tan(0.2) * 1.0001, slope))
+    def test_sticks_just_below_the_static_angle_and_slides_just_above_it(self, engine, slope):
+        held, free = (engine.simulate(self.incline(0.1, math.tan(0.2) * share, slope)) for share in (1.0001, 0.9999))
         # what holds it is a constraint: no creep beyond rounding
-        assert np.abs(held["guide.displacement"]).max() < 1e-12
-        assert np.all(held["guide.mode"] == 0)
-
-    @pytest.mark.parametrize("slope", [0.2, -0.2])
-    def test_slides_just_above_the_static_angle(self, engine, slope):
-        free = engine.simulate(self.incline(0.1, math.tan(0.2) * 0.9999, slope))
+        assert np.abs(held["guide.displacement"]).max() < 1e-12 and np.all(held["guide.mode"] == 0)
         down = -math.copysign(1, slope)
         # a constant acceleration is integrated exactly, to the tolerance of Newton's method
         assert free["guide.displacement"][-1] == pytest.approx(
@@ -203,12 +189,12 @@ class TestClosedForms:
     def test_four_bar_through_its_singular_position(self, engine):
         """The published tip of the first bar at 10 s (IFToMM A02, N = 2), at second order."""
         errors = []
-        for dt in (1e-3, 5e-4):
+        for dt in (2e-3, 1e-3):
             end = engine.simulate(load_scene("four-bar"), t_end=10.0, dt=dt)
             x, y = (2 * end[f"upright-0.{c}"][-1] for c in "xy")
             errors.append(math.hypot(x - 0.328458111533, y - 0.944518538181))
         assert errors[0] > 3 * errors[1]
-        assert errors[0] < 5e-4  # ten seconds of swinging at 3 m/s: phase errors of dt^2 add up
+        assert errors[1] < 5e-4  # ten seconds of swinging at 3 m/s: phase errors of dt^2 add up
 
     def test_stick_slip_on_a_moving_guide_conserves_momentum(self, engine):
         """Two free bodies, one the guide of the other, with friction: no external force, and they end as one."""
@@ -400,3 +386,16 @@ def test_a_slider_that_is_fast_for_its_steps_turns_round():
     run = load_engine("exudyn").simulate(scene, t_end=0.2, dt=2e-3, output_step=0.01)
     assert {event.kind for event in run.events} == {"reversal"}
     np.testing.assert_allclose([event.time for event in run.events], np.pi / 100 * np.arange(1, 7), rtol=1e-2)  # half periods
+
+
+BRISTLES = {"method": "bristles"}
+
+
+@pytest.mark.parametrize(("settings", "words"), [
+    ({"rtol": 1e-6}, "rtol"), ({"dt": 0.0}, "dt"), ({"output_step": -1.0}, "output_step"), ({"contact_stiffness": 1e6}, "contact_stiffness"),
+    ({"iterations": 3}, "iterations.*spectral_radius"), ({"spectral_radius": 1.5}, "spectral_radius: found 1.5; expected 0 .. 1"),
+    ({**BRISTLES, "fidelity": "contact"}, "no such setting at contact"), ({**BRISTLES, "bristle_stiffness": -1.0}, "bristle_stiffness"),
+    ({**BRISTLES, "integrator": "euler"}, "found 'euler'; expected one of generalized-alpha"), ({**BRISTLES, "contact_stiffness": 1e7}, "no such setting")])
+def test_bad_settings(engine, settings, words):
+    with pytest.raises(InputError, match=words):
+        engine.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), **{"t_end": 0.1, **settings})

@@ -5,7 +5,7 @@ import pytest
 
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines import EngineFailure, load_engine
-from stiction.scenes import load_scene, scene_from_dict, vary
+from stiction.scenes import InputError, load_scene, scene_from_dict, vary
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -167,3 +167,17 @@ def test_a_model_that_mujoco_does_not_take_is_a_failure_in_its_words():
     """It has a least mass, mjMINVAL = 1e-15 kg."""
     with pytest.raises(EngineFailure, match="mjMINVAL"):
         load_engine("mujoco").simulate(vary(load_scene("slider-bar-case-1"), {"slider.mass": 1e-16}), t_end=0.1)
+
+
+CONTACT = {"fidelity": "contact"}
+
+
+@pytest.mark.parametrize(("settings", "words"), [
+    ({"impedance": 1.0}, "MuJoCo's own limit"), ({"impedance": 0.0}, "impedance: found 0.0"), ({**CONTACT, "impedance": 1.0}, "MuJoCo's own limit"),
+    ({"solver": "Dantzig"}, "solver: found 'Dantzig'; expected one of PGS, Newton, CG"), ({**CONTACT, "solver": "PGS"}, "expected one of Newton, CG"),
+    ({**CONTACT, "noslip": "on"}, "no such setting at contact fidelity"), ({**CONTACT, "impratio": 0.0}, "impratio: found 0.0; expected a number > 0"),
+    ({**CONTACT, "slip_reference": 0.9}, "slip_reference: found 0.9; expected at least 1"),
+    ({**CONTACT, "noslip_iterations": 10}, "noslip_iterations: found 10 with elliptic cones; expected cone=pyramidal")])
+def test_bad_settings(engine, settings, words):
+    with pytest.raises(InputError, match=words):
+        engine.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), **{"t_end": 0.1, **settings})

@@ -11,7 +11,7 @@ from stiction.comparisons.conformance import conformance
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.engines import EngineFailure, EngineMissing, Refused, load_engine
 from stiction.engines.siconos import engine as adapter
-from stiction.scenes import load_scene, scene_from_dict, vary
+from stiction.scenes import InputError, load_scene, scene_from_dict, vary
 from stiction.scenes.laws import evaluate_law
 
 G = 9.81
@@ -124,3 +124,11 @@ def test_where_it_is_missing_it_says_what_brings_it(command, tmp_path, monkeypat
     monkeypatch.setattr(adapter, "DECLARATION", declared)
     with pytest.raises(EngineMissing, match="apt-get install python3-siconos"):
         load_engine("siconos")
+
+
+@pytest.mark.parametrize(("settings", "words"), [
+    ({"theta": 0.4}, "theta: found 0.4; expected 0.5 .. 1"), ({"theta": "abc"}, "theta: found 'abc'; expected a number"), ({"clearance": 0.0}, "clearance: found 0"),
+    ({"block": "newton"}, "block: found 'newton'; expected one of nsgs"), ({"iterations": 2.5}, "iterations: found 2.5; expected a whole number")])
+def test_bad_settings(engine, settings, words):
+    with pytest.raises(InputError, match=words):
+        engine(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.1, **settings)

@@ -74,8 +74,9 @@ class TestGeometry:
 
 
 class TestDrawing:
-    @pytest.mark.parametrize("name", [*catalogue(), "hard/three-guides-at-rest"])
+    @pytest.mark.parametrize("name", [*(name for name in catalogue() if not name.endswith(("-mus-equals-mu", "-frictionless"))), "hard/three-guides-at-rest"])
     def test_every_scene_can_be_drawn(self, name):
+        """Those that differ in coefficients alone once."""
         assert ElementTree.fromstring(load_scene(name).draw().svg()).tag.endswith("svg")
 
     def test_same_scene_same_bytes(self, folder):

@@ -103,7 +103,7 @@ def test_guides_of_one_freedom_in_a_large_cell_stop_and_stay_together():
         held = f"link{k}"
     scene = scene_from_dict(scene, "rod-with-chain")
     assert len(Mechanism(scene).arrays.cell) == 1
-    run = simulate(scene, t_end=5.0, rtol=1e-6, output_step=0.01, stabilization="projection")
+    run = simulate(scene, t_end=4.6, rtol=1e-6, output_step=0.01, stabilization="projection")  # it comes to rest at 4.2 s
     changes = {guide: [(event.kind, event.time) for event in run.events if event.joint == guide and event.kind in ("stick", "slip")]
                for guide in ("along", "across")}
     assert len(changes["along"]) >= 8 and changes["along"] == changes["across"]

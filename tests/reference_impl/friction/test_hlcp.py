@@ -97,16 +97,20 @@ def slider_bar_at(t, case=1, **changes):
     return m, w, np.array([int(true["guide.mode"][0])]), true
 
 
+def at_start(scene, speed=1.0):
+    """Workspace of a mechanism without stabilization at its start, velocities times `speed`, and its slip directions."""
+    mechanism = Mechanism(scene, "none")
+    m, w, (q, v) = mechanism.arrays, workspace(mechanism.arrays), mechanism.initial_state()
+    row_form(m, w, 0.0, q, speed * v)
+    return m, w, np.where(np.abs(w.slip_speed) < 1e-12, 0, np.sign(w.slip_speed)).astype(np.int64)
+
+
 def rays(tables, at_rest=True):
     """Of random mechanisms, all guides at rest or each as it starts: how many problems have a solution, and on how many of these Lemke's method ends without one."""
     solved = ended = 0
     for i, table in enumerate(tables):
-        mechanism = Mechanism(scene_from_dict(table, name=str(i)), "none")
-        m, (q, v) = mechanism.arrays, mechanism.initial_state()
+        m, w, slip = at_start(scene_from_dict(table, name=str(i)), 0.0 if at_rest else 1.0)
         if len(m.friction):
-            w = workspace(m)
-            row_form(m, w, 0.0, q, 0 * v if at_rest else v)
-            slip = np.sign(w.slip_speed).astype(np.int64)
             _, _, _, outcome, _ = hlcp.solve(m, w, slip)
             solved, ended = solved + (outcome == SOLVED), ended + (outcome == SOLVED and w.counters["lemke_rays"] > 0)
     return solved, ended
@@ -148,21 +152,16 @@ def test_without_friction_the_lcp_matrix_is_the_identity():
 
 def incline(mass=1.0, length=0.6, width=0.5, mu=0.2, mus=0.3, tilt=20.0, g=9.81):
     angle, inertia = np.deg2rad(-tilt), mass * (length ** 2 + width ** 2) / 12
-    scene = scene_from_dict({
+    return at_start(scene_from_dict({
         "gravity": [0, -g], "bodies": {"block": {"mass": mass, "inertia": inertia, "angle": angle}},
         "joints": {"guide": {"type": "translational", "slider": "block", "direction": [np.cos(angle), np.sin(angle)],
-                             "angle": angle, "length": length, "width": width, "mu": mu, "mus": mus}}})
-    mechanism = Mechanism(scene)
-    m, w = mechanism.arrays, workspace(mechanism.arrays)
-    row_form(m, w, 0.0, *mechanism.initial_state())
-    return m, w
+                             "angle": angle, "length": length, "width": width, "mu": mu, "mus": mus}}}))
 
 
 @pytest.mark.parametrize("tilt", [1.0, 10.0, 16.69, 16.71, 20.0, 45.0, 80.0])
 def test_block_on_an_incline_at_rest(tilt):
     """The problem on which a covering vector of ones ends on a ray; the angle of friction is 16.699 degrees."""
-    m, w = incline(tilt=tilt)
-    force, y, x, outcome, *_ = hlcp.solve(m, w, np.array([0]))
+    force, y, x, outcome, *_ = hlcp.solve(*incline(tilt=tilt))
     assert outcome == SOLVED
     normal, along = 9.81 * np.cos(np.deg2rad(tilt)), 9.81 * np.sin(np.deg2rad(tilt))
     assert force[0] == pytest.approx(normal, rel=1e-12)
@@ -174,8 +173,7 @@ def test_block_on_an_incline_at_rest(tilt):
 def test_solution_scales_with_mass_and_length(mass, length):
     """Forces grow with the mass; lengths do not enter forces, with them moments grow."""
     for tilt in (10.0, 30.0):
-        unit, scaled = (hlcp.solve(*block, np.array([0])) for block in (
-            incline(tilt=tilt), incline(mass, 0.6 * length, 0.5 * length, tilt=tilt)))
+        unit, scaled = (hlcp.solve(*block) for block in (incline(tilt=tilt), incline(mass, 0.6 * length, 0.5 * length, tilt=tilt)))
         assert scaled[3] == SOLVED
         np.testing.assert_allclose(scaled[0][[0, 2]], mass * unit[0][[0, 2]], rtol=1e-9)
         np.testing.assert_allclose(scaled[0][1], mass * length * unit[0][1], rtol=1e-9, atol=1e-12 * mass * length)
@@ -213,10 +211,7 @@ def stacked(random):
 def test_search_of_modes_and_hlcp_find_the_one_solution(count):
     random, unique = np.random.default_rng(5), 0
     for _ in range(count):
-        mechanism = Mechanism(stacked(random))
-        m, w = mechanism.arrays, workspace(mechanism.arrays)
-        row_form(m, w, 0.0, *mechanism.initial_state())
-        slip = np.where(np.abs(w.slip_speed) < 1e-12, 0, np.sign(w.slip_speed)).astype(np.int64)
+        m, w, slip = at_start(stacked(random))
         solutions = consistent_modes(m, w, slip)
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, 3), dtype=np.int64)
         assert consistent(m, w, slip, forces, directions) == bool(solutions)
@@ -235,10 +230,7 @@ def test_variables_of_a_mode_solve_the_hlcp():
     """y and x built from the forces of a contact mode satisfy eqs. (36)-(38), hyperstatic corner forces included."""
     random = np.random.default_rng(6)
     for _ in range(100):
-        mechanism = Mechanism(stacked(random))
-        m, w = mechanism.arrays, workspace(mechanism.arrays)
-        row_form(m, w, 0.0, *mechanism.initial_state())
-        slip = np.where(np.abs(w.slip_speed) < 1e-12, 0, np.sign(w.slip_speed)).astype(np.int64)
+        m, w, slip = at_start(stacked(random))
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, 3), dtype=np.int64)
         if consistent(m, w, slip, forces, directions):
             A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip)

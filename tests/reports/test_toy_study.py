@@ -1,13 +1,13 @@
 """A new question is one new file: it appears in the commands, the main job, the report, the paper and the page without another line."""
 
 import json
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import pandas as pd
 import pytest
-from report_material import unsaved_figures
+from report_material import save_one, unsaved_figures
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
@@ -17,7 +17,6 @@ from stiction.comparisons.depth import Depth
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import studies
 from stiction.reports import report_of, write_report
-from stiction.reports.figures.style import save_all
 from stiction.reports.page import write_run_page
 from stiction.reports.page_one import answer_lines
 from stiction.reports.paper import folder, write_paper
@@ -117,14 +116,7 @@ def test_it_is_in_the_report_and_on_the_terminal(run):
 
 
 def test_it_is_in_the_paper(run, tmp_path, monkeypatch):
-    def save_own(drawings, place, *others):
-        """Its own figure, in the place of all others too: they take most of the time."""
-        save_all([drawing for drawing in drawings if drawing.name == "toy-paths"], place, *others)
-        for drawing in drawings:
-            if drawing.name != "toy-paths":
-                shutil.copy(place / "toy-paths.pdf", place / f"{drawing.name}.pdf")
-
-    monkeypatch.setattr(folder, "save_all", save_own)
+    monkeypatch.setattr(folder, "save_all", partial(save_one, name="toy-paths"))
     paper = write_paper(run, tmp_path / "paper").parent
     assert rf"\textbf{{Toy.}} {ANSWER} (toy:3)" in (paper / "paper.tex").read_text() and rf"\section{{{QUESTION}}}" in (paper / "paper.tex").read_text()
     assert f"& {CELL} & toy:3" in (paper / "tables" / "toy.tex").read_text()

@@ -1,12 +1,10 @@
 """Findings of the commands: damage by the right line, nothing without damage, and a complete report of any engine."""
 
 import json
-import os
 import re
 import shutil
 import sqlite3
 import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -200,16 +198,14 @@ def broken_night(tmp_path_factory, compiled):
     place = tmp_path_factory.mktemp("night")
     (place / "broken.toml").write_text(BROKEN)
     (place / "empty.toml").write_text("format = 2\n")
-    ended = subprocess.run([sys.executable, "-m", "stiction", "nightly", "broken.toml", "--baseline", "empty.toml",
-                            "--out", "out"], cwd=place,
-                           env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}, capture_output=True,
-                           text=True, timeout=600)
-    return place, ended
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        return place, invoke("nightly", "broken.toml", "--baseline", "empty.toml", "--out", "out")
 
 
 class TestBrokenNight:
     def test_code_says_that_not_everything_could_be_run(self, broken_night):
-        assert broken_night[1].returncode == COULD_NOT_RUN, broken_night[1].stderr
+        assert broken_night[1].exit_code == COULD_NOT_RUN, broken_night[1].output
         assert broken_night[1].stderr == ""
 
     def test_history_has_every_run(self, broken_night):

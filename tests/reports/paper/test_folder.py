@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from report_material import CASE, hard_table, unsaved_figures, validation_of
+from report_material import CASE, hard_table, save_one, unsaved_figures, validation_of
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
@@ -44,7 +44,10 @@ def run(whole, tmp_path_factory) -> StoredRun:
 
 @pytest.fixture(scope="module")
 def paper(run, tmp_path_factory):
-    return write_paper(run, tmp_path_factory.mktemp("paper") / "double").parent
+    """With one figure for all: they take most of the time, and `report_folder` has each of them saved."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(folder, "save_all", save_one)
+        return write_paper(run, tmp_path_factory.mktemp("paper") / "double").parent
 
 
 def test_what_is_read_is_what_was_written(run, whole):

@@ -5,11 +5,10 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from typer.testing import CliRunner
+from conftest import invoke
 
 pytest.importorskip("flint", reason="python-flint is not installed: the extra stiction[proof]")
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED
 from stiction.comparisons.proof import threshold as module
 from stiction.comparisons.proof import threshold_certificate
@@ -107,8 +106,7 @@ def proven_before(monkeypatch, sticking, sliding):
 
 @pytest.mark.long  # in every run: an end of a theorem of the suite
 def test_the_theorem_is_checked_by_its_file_alone(certificate):
-    ended = CliRunner().invoke(app, ["prove", str(certificate), "--check"])
-    assert ended.exit_code == 0, ended.output
+    ended = invoke("prove", certificate, "--check")
     assert "all 2 ends proven anew" in ended.output
 
 
@@ -179,11 +177,11 @@ def test_a_refuted_file_ends_the_command(certificate, sliding, tmp_path, monkeyp
         return sliding
 
     monkeypatch.setattr(threshold_certificate, "_proven_again", proven_again)
-    ended = CliRunner().invoke(app, ["prove", str(certificate), "--check"])
-    assert ended.exit_code == FAILED and "end 0: why" in ended.output and "1 of 2 ends" in ended.output
+    ended = invoke("prove", certificate, "--check", exit_code=FAILED)
+    assert "end 0: why" in ended.output and "1 of 2 ends" in ended.output
     other = tmp_path / "other.json"
     other.write_text(json.dumps({"format": "stiction proof 0"}))
-    assert "expected 'stiction proof 1' or" in CliRunner().invoke(app, ["prove", str(other), "--check"]).output
+    assert "expected 'stiction proof 1' or" in invoke("prove", other, "--check", exit_code=None).output
 
 
 @pytest.mark.long

@@ -10,12 +10,15 @@ from functools import partial
 from importlib import import_module
 from io import StringIO
 from itertools import islice
+from pathlib import Path
 
 import pytest
 from filelock import FileLock
 from hypothesis import settings
 from report_material import CASE, LOST, T_END, leave_dots, record, timed, validation_of
+from typer.testing import CliRunner
 
+from stiction.cli.app import app
 from stiction.comparisons.campaigns.participants import extent, variant
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.measures import scene_truth
@@ -66,6 +69,17 @@ def installed(engine: str) -> Engine:
         pytest.skip(str(missing))
 
 
+def invoke(command: str, *arguments, exit_code: int | None = 0, **options):
+    """A command with words between spaces, and more arguments, in this process; it ends with this exit code, or with any."""
+    result = CliRunner().invoke(app, [*command.split(), *map(str, arguments)], **options)
+    assert exit_code is None or result.exit_code == exit_code, result.output
+    return result
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
 def called_here(tasks, *, on_result=None, **_):
     """`stiction.engines.isolate` without children and limits of time; what a task raises or prints goes where it goes there."""
     outcomes = []
@@ -83,7 +97,8 @@ def here():
     """Tasks are called in this process instead of in children, each of which takes a second to start: for what is not about isolation."""
     with pytest.MonkeyPatch.context() as patch:
         for module in ("stiction.engines", "stiction.comparisons.campaigns.nightly", "stiction.comparisons.campaigns.comparison",
-                       "stiction.comparisons.campaigns.executors", "stiction.comparisons.conformance"):
+                       "stiction.comparisons.campaigns.executors", "stiction.comparisons.complementarity.replay",
+                       "stiction.comparisons.conformance"):
             patch.setattr(f"{module}.isolate", called_here)
         yield
 

@@ -7,6 +7,8 @@ import os
 import time
 from dataclasses import replace
 
+import numpy as np
+
 from stiction.engines import EngineFailure
 from stiction.engines.reference.engine import ReferenceEngine
 
@@ -60,6 +62,23 @@ class HalfAsSlowAgain(ReferenceEngine):
     def run(self, scene, *, t_end, **arguments):
         super().run(scene, t_end=t_end / 2, **arguments)
         return super().run(scene, t_end=t_end, **arguments)
+
+
+class Sleeping(ReferenceEngine):
+    """Each run takes a moment longer."""
+
+    name = "sleeping"
+
+    def run(self, scene, **arguments):
+        time.sleep(0.03)
+        return super().run(scene, **arguments)
+
+
+class Buggy(ReferenceEngine):
+    name = "buggy"
+
+    def run(self, scene, **arguments):
+        return np.zeros(2) + np.zeros(3)
 
 
 class Crashing(ReferenceEngine):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import shutil
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -17,6 +19,7 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.studies.stabilization_drift import NONE, PAPERS, STEPS, LongRun, drift_study
 from stiction.comparisons.variants import Record, Variant, run_key
 from stiction.engines.isolation import Outcome
+from stiction.reports.figures.style import Drawing, save_all
 from stiction.scenes import Trajectory, load_scene
 
 CASE, T_END = "slider-bar-case-1", 9.0  # one period and a bit: holds a whole stick phase
@@ -40,6 +43,16 @@ def leave_dots(drawings, folder, *_) -> None:
     for drawing in drawings:
         (folder / f"{drawing.name}.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg' width='9' height='9'/>")
         (folder / f"{drawing.name}.pdf").touch()
+
+
+def save_one(drawings: Sequence[Drawing], folder: Path, *others, name: str = "") -> None:
+    """In place of `save_all` of a paper: the drawing of this name, or the first, is saved, and stands for all others."""
+    kept = next((drawing for drawing in drawings if drawing.name == name), drawings[0] if drawings else None)
+    if kept is not None:
+        save_all([kept], folder, *others)
+    for drawing in drawings:
+        if drawing is not kept:
+            shutil.copy(folder / f"{kept.name}.pdf", folder / f"{drawing.name}.pdf")
 
 
 @contextmanager

@@ -1,22 +1,17 @@
-"""A second method for mechanisms with several freedoms and frictional guides, slow and without the reference's compiled
-code.
+"""A second method for mechanisms with several freedoms and frictional guides, slow, without the reference's kernels.
 
 The motion follows from three decisions, each made here in another way than in `reference_impl`:
 
 - The forces of a contact mode: one dense linear solve with the corner forces themselves as unknowns. A guide that slips
-in the
-  direction d has n_j = F+_j - F-_j, of the sign s_j, at the lever -+ a/2; its surfaces turn the slider by the lever
-  b/2:
+  in the direction d has n_j = F+_j - F-_j, of the sign s_j, at the lever -+ a/2; its surfaces turn the slider by b/2:
 
       force of n_j on the slider = normal row + (-+ a/2) angle row - mu d (s_j tangential row + (b/2) angle row)
 
 - The mode: every combination of stick, slip to either side and corner signs is tried, and kept if no corner pulls, no
-friction
-  at rest exceeds what its surfaces hold, and every guide that leaves rest leaves it against its friction. More than one
-  acceleration is reported, not chosen from.
+  friction at rest exceeds what its surfaces hold, and every guide that leaves rest leaves it against its friction. More
+  than one acceleration is reported, not chosen from.
 - Events: scipy's DOP853, with every margin of the mode sampled in every step, near its start down to 1e-9 of it. A
-margin
-  that dips between samples is minimised; a first zero is found by Brent's method.
+  margin that dips between samples is minimised; a first zero is found by Brent's method.
 
 What a guide at rest holds against slip in the direction d. Its surface frictions l+, l- obey |l+-| <= mus FN+-, and the
 corner forces carry the moment that they leave of T, D = n2 - n1 = (2/a)(T - (b/2)(l+ - l-)). The largest -d (l+ + l-)
@@ -59,8 +54,7 @@ FRACTIONS = np.unique(np.concatenate([[0.0], 2.0 ** -np.arange(7, 31), np.arange
 NOISE = 1e-9
 """N or m/s; margins above minus this count as zero: the error of forty steps, times stiffnesses up to 60 N/m."""
 ADMISSIBLE = 1e-8
-"""N or m/s^2 by which a mode may violate its conditions: the same, with a reserve of ten, at the instant of an
-event."""
+"""N or m/s^2 by which a mode may violate its conditions: the same, with a reserve of ten, at an event."""
 SAME = 1e-6
 """m/s^2, rad/s^2; accelerations closer than this are one: those of two modes at their common boundary."""
 CORNERS = tuple(product((1, -1), repeat=2))
@@ -70,8 +64,7 @@ AT_ONCE = 1e-11
 MOST_AT_ONCE = 20
 """Events without time passing after which a run is given up."""
 RESERVE = 1e3
-"""How much larger than the tolerance of a step the error of a motion may be: a hundred steps, and an amplification by
-ten."""
+"""How much larger than the tolerance of a step the error of a motion may be: a hundred steps, amplified by ten."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +88,7 @@ class Forces:
 
 @dataclass(frozen=True)
 class Margin:
-    """A condition of a mode, positive while it holds: of `guide`, ``"speed"``, ``"corner"`` j or ``"hold"`` against
-    slip along d."""
+    """A condition of a mode, positive while it holds: of `guide`, ``"speed"``, ``"corner"`` j or ``"hold"`` along d."""
 
     guide: int
     what: str

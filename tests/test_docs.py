@@ -21,10 +21,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
+from conftest import invoke
 
 import stiction
-from stiction.cli.app import app
 from stiction.comparisons.campaigns.campaign import load_campaign
 from stiction.engines import EngineMissing, load_engine
 from stiction.engines.fmu.variables import Map
@@ -43,6 +42,8 @@ BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 FILE_NAME = re.compile(r"# ([\w.-]+\.(?:toml|py))\n")
 QUICK = {"new", "schema", "draw", "run", "judge", "dataset", "scenes", "engines", "explain"}
 """Commands of seconds."""
+LEFT = {"--t-end", "--out", "--plot", "--animate", "-o"}
+"""Options of a run that leaves a file, or has its own end; any other is cut short, as nobody reads where it ends."""
 OF_OTHERS = {"pip", "make"}
 """Commands that set up or run what is running here already."""
 YAML_COMMAND = re.compile(r"^ *-(?: run:)? (stiction [^>\n]*)", re.MULTILINE)
@@ -63,8 +64,10 @@ def commands(text):
 
 
 def file_in(page, name):
-    """The text of a file that a page shows."""
-    return next(text for _, text in blocks(page) if text.startswith(f"# {name}\n"))
+    """The text of a file that a page shows, which is written here."""
+    text = next(text for _, text in blocks(page) if text.startswith(f"# {name}\n"))
+    Path(name).write_text(text)
+    return text
 
 
 def follow(page, everything):
@@ -107,8 +110,9 @@ def shell(command, everything):
         return
     assert command[0] == "stiction", command
     if everything or command[1] in QUICK:
-        ended = CliRunner().invoke(app, command[1:])
-        assert ended.exit_code == 0, f"{shlex.join(command)}\n{ended.output}"
+        if command[1] == "run" and not everything and not LEFT & {*command}:
+            command = [*command, "--t-end", "1"]
+        invoke(*command[1:])
     else:
         assert options_of(command[1:]) <= options_known(command[1:]), command
 
@@ -120,9 +124,7 @@ def options_of(command):
 def options_known(command):
     """By the help of a command, or of one of a group; this fails for a command that does not exist."""
     words = command[:2] if command[0] in ("compare", "baseline") else command[:1]
-    described = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "200"})
-    assert described.exit_code == 0, described.output
-    return set(re.findall(r"--[a-z-]+", described.output))
+    return set(re.findall(r"--[a-z-]+", invoke(*words, "--help", env={"COLUMNS": "200"}).output))
 
 
 @pytest.mark.parametrize("page", TEXT)
@@ -238,15 +240,14 @@ def test_engine(tmp_path, in_this_process):
     """The engine of the page is exact, refuses what it cannot do, and knows no setting."""
     page = "docs/how-to/engine.md"
     for name in ("free_flight.py", "ball.toml"):
-        (tmp_path / name).write_text(file_in(page, name))
+        file_in(page, name)
     engine = "free_flight:FreeFlight"
-    ended = CliRunner().invoke(app, ["run", "ball.toml", "--engine", engine, "--out", "ball.csv"])
-    assert ended.exit_code == 0, ended.output
+    invoke("run", "ball.toml", "--engine", engine, "--out", "ball.csv")
     frame = pd.read_csv("ball.csv")
     t = frame["t"]
     assert np.allclose(frame["ball.y"], 4 * t - 9.81 * t ** 2 / 2) and np.allclose(frame["ball.angle"], 5 * t)
     assert "knows bodies and gravity only" in load_engine(engine).refusal(load_scene("pendulum"), "joint")
-    assert CliRunner().invoke(app, ["run", "ball.toml", "--engine", engine, "--setting", "spin=2"]).exit_code == 2
+    invoke("run", "ball.toml", "--engine", engine, "--setting", "spin=2", exit_code=2)
 
 
 def test_the_page_on_engines_lists_what_is_obligatory():
@@ -259,21 +260,20 @@ def test_engine_is_held_to_its_baseline(tmp_path, in_this_process, monkeypatch):
     monkeypatch.setattr("stiction.comparisons.campaigns.nightly.draws_of_night", lambda night, count: [])  # 400 slider-bars, others each time
     page = "docs/how-to/engine.md"
     for name in ("free_flight.py", "ball.toml"):
-        (tmp_path / name).write_text(file_in(page, name))
+        file_in(page, name)
     held = [command[1:] for language, text in blocks(page) if language == "sh" for command in commands(text) if "--scenes" in command]
     assert [command[0] for command in held] == ["baseline", "check", "nightly"]
     for command in held:
-        ended = CliRunner().invoke(app, command)
-        assert ended.exit_code == 0, ended.output
+        ended = invoke(*command)
         assert command[0] == "baseline" or "Nothing changed beyond noise" in ended.output
 
 
-def test_test_of_a_solver(tmp_path, compiled):
-    page = "docs/how-to/engine.md"
+def test_test_of_a_solver(compiled):
     for name in ("free_flight.py", "ball.toml", "test_free_flight.py"):
-        (tmp_path / name).write_text(file_in(page, name))
-    ended = subprocess.run([sys.executable, "-m", "pytest", "-q", "test_free_flight.py"], capture_output=True, text=True, timeout=300)
-    assert ended.returncode == 0, ended.stdout
+        file_in("docs/how-to/engine.md", name)
+    with redirect_stdout(StringIO()) as said:
+        assert pytest.main(["-q", "-p", "no:cacheprovider", "-n", "0", "test_free_flight.py"]) == 0, said.getvalue()
+    assert " passed" in said.getvalue() and "failed" not in said.getvalue()
 
 
 def test_motion_that_the_tutorial_tells(compiled):
@@ -286,14 +286,9 @@ def test_motion_that_the_tutorial_tells(compiled):
     assert np.allclose(away[1:] / away[:-1], -1 / 3, atol=0.03)
 
 
-def test_solver(tmp_path, monkeypatch, in_this_process):
-    from stiction import engines
-    from stiction.comparisons.complementarity import replay
-
-    (tmp_path / "gauss_seidel.py").write_text(file_in("docs/how-to/lcp-solver.md", "gauss_seidel.py"))
-    monkeypatch.setattr(replay, "isolate", engines.isolate)
-    ended = CliRunner().invoke(app, ["replay", "--solver", "gauss_seidel:solve", "--out", "table.csv"])
-    assert ended.exit_code == 0, ended.output
+def test_solver(in_this_process):
+    file_in("docs/how-to/lcp-solver.md", "gauss_seidel.py")
+    invoke("replay", "--solver", "gauss_seidel:solve", "--out", "table.csv")
     table = pd.read_csv("table.csv")
     assert table["solved"].sum() > 50 and table["wrong"].sum() > 0  # it converges on some only
 
@@ -302,9 +297,9 @@ class TestCampaign:
     PAGE = "docs/how-to/nightly.md"
 
     @pytest.fixture(autouse=True)
-    def files(self, tmp_path):
+    def files(self, in_empty_folder):
         for name in ("sled.toml", "campaign.toml"):
-            (tmp_path / name).write_text(file_in(self.PAGE, name))
+            file_in(self.PAGE, name)
 
     def test_runs(self):
         campaign = load_campaign("campaign.toml")
@@ -319,8 +314,8 @@ class TestCampaign:
         text = file_in(self.PAGE, "campaign.toml").replace(old, other) if old else file_in(self.PAGE, "campaign.toml")
         text = text.replace('"projection"', '"baumgarte"') if other == "reference" else text
         (tmp_path / "campaign.toml").write_text(text.replace('"time"]', "]"))
-        ended = CliRunner().invoke(app, ["nightly", "campaign.toml"])
-        assert ended.exit_code == 0 and "**fine" in ended.output, ended.output
+        ended = invoke("nightly", "campaign.toml")
+        assert "**fine" in ended.output, ended.output
         [summary] = tmp_path.glob("nightly/*/summary.json")
         findings = json.loads(summary.read_text())["findings"]
         on_the_slider_bar = {finding["key"].split("/")[1] for finding in findings if finding["kind"] == "status" and finding["key"].startswith("slider-bar")}

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from conftest import invoke
 
 from stiction import comparisons, reports
-from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.atomic_files import NotWritten
 from stiction.comparisons.campaigns.baseline import BaselineError, BaselineRefused
@@ -20,20 +19,6 @@ from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Refuse
 from stiction.reports import FolderRefused
 from stiction.scenes import FileError, InputError, SceneError, StictionError, load_scene
 
-BUGGY = """
-import numpy as np
-from stiction import Capabilities, Engine
-
-class Buggy(Engine):
-    name, version = "buggy", "1"
-    capabilities = Capabilities(("joint",), {"joint": True}, {"joint": "none"}, "engine", "0")
-
-    def refusal(self, scene, fidelity):
-        return None
-
-    def run(self, scene, **_):
-        return np.zeros(2) + np.zeros(3)
-"""
 BAD_INPUTS = {FileError, SceneError, CampaignError, BaselineError, UnknownEngine, NotThisMechanism, SweepRefused, ControlRefused}
 FAILURES = {Refused, EngineFailure, BadTrajectory, EngineMissing, TruthRefused, NoMotion, Undecided, NoOwnRun, NotWritten, HistoryRefused,
             KeptRefused, BaselineRefused, FolderRefused}
@@ -62,17 +47,14 @@ def test_campaign_has_a_row_for_a_bug_and_its_traceback():
 
 
 def test_bug_of_an_engine_in_a_comparison_is_a_row_and_its_traceback(tmp_path, monkeypatch, in_this_process):
-    (tmp_path / "buggy.py").write_text(BUGGY)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "campaign.toml").write_text('scenes = ["pendulum"]\nmeasure = ["counter"]\n[variants.buggy]\nengine = "buggy:Buggy"\ndt = [1e-2]\n')
+    (tmp_path / "campaign.toml").write_text('scenes = ["pendulum"]\nmeasure = ["counter"]\n[variants.buggy]\nengine = "damaged_solvers:Buggy"\ndt = [1e-2]\n')
     (tmp_path / "empty.toml").write_text("format = 2\n")
-    for command, code in ((["compare", "drift", "pendulum", "--engines", "buggy:Buggy", "--quick", "--t-end", "0.1"], 0),
+    for command, code in ((["compare", "drift", "pendulum", "--engines", "damaged_solvers:Buggy", "--quick", "--t-end", "0.1"], 0),
                           (["nightly", "campaign.toml", "--baseline", "empty.toml", "--out", "nights"], 4)):
-        ended = CliRunner().invoke(app, command)
-        assert ended.exit_code == code, ended.output
+        ended = invoke(*command, exit_code=code)
         assert "failed" in ended.stdout and "ValueError: operands could not be broadcast" in ended.stdout
-        assert "ended with a bug" in ended.stderr and "buggy.py" in ended.stderr and "Traceback" not in ended.stdout
+        assert "ended with a bug" in ended.stderr and "damaged_solvers.py" in ended.stderr and "Traceback" not in ended.stdout
 
 
 def test_bug_in_a_truth_is_no_refusal(monkeypatch):
@@ -86,15 +68,15 @@ def test_bug_in_a_truth_is_no_refusal(monkeypatch):
     ("stiction.comparisons.campaigns.campaign.load_campaign", ["check"]), ("stiction.comparisons.complementarity.replay.replay", ["replay"])])
 def test_bug_in_a_command(place, arguments, monkeypatch):
     monkeypatch.setattr(place, wrong_shape)
-    result = CliRunner().invoke(app, arguments)
+    result = invoke(*arguments, exit_code=None)
     assert type(result.exception) is ValueError and "broadcast" in str(result.exception)  # a process prints its traceback, exit code 1
     assert result.exit_code == 1
 
 
 def test_bad_input_in_the_same_place_is_told(monkeypatch):
     monkeypatch.setattr("stiction.scenes.load_scene", refused_setting)
-    result = CliRunner().invoke(app, ["explain", "pendulum"])
-    assert result.exit_code == BAD_INPUT and "colour: found 'red'" in result.stderr and "Traceback" not in result.output
+    result = invoke("explain", "pendulum", exit_code=BAD_INPUT)
+    assert "colour: found 'red'" in result.stderr and "Traceback" not in result.output
 
 
 def test_every_error_of_the_suite_is_of_the_family():

@@ -5,9 +5,8 @@ import subprocess
 import sys
 
 import pytest
-from typer.testing import CliRunner
+from conftest import invoke
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 
 SCREEN = 30  # lines
@@ -111,8 +110,7 @@ def in_empty_folder(tmp_path, monkeypatch, in_this_process):
 
 
 def refused(arguments, culprits):
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == BAD_INPUT, result.output
+    result = invoke(*arguments, exit_code=BAD_INPUT)
     assert result.stdout == ""
     assert "Traceback" not in result.output
     assert len(result.output.splitlines()) < SCREEN
@@ -130,8 +128,7 @@ def test_broken_scene(name, tmp_path):
 
 def test_the_scene_that_is_broken_above_is_sound(tmp_path):
     (tmp_path / "sound.toml").write_text(SCENE)
-    result = CliRunner().invoke(app, ["explain", "sound.toml"])
-    assert result.exit_code == 0, result.output
+    invoke("explain", "sound.toml")
 
 
 @pytest.mark.parametrize(("line", "culprits"), BAD_COMMANDS, ids=[line for line, _ in BAD_COMMANDS])

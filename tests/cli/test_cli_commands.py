@@ -9,15 +9,12 @@ import sys
 import threading
 import time
 from io import StringIO
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import installed
-from typer.testing import CliRunner
+from conftest import installed, invoke
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import FAILED, INTERRUPTED, TERMINATED, terminate
 from stiction.cli.render import show, show_trajectory
 from stiction.comparisons.truth import slider_bar_truth
@@ -69,12 +66,6 @@ def _read(terminal: int) -> bytes:
         return b""
 
 
-def invoke(*arguments, exit_code=0):
-    result = CliRunner().invoke(app, list(arguments))
-    assert result.exit_code == exit_code, result.output
-    return result
-
-
 @pytest.fixture
 def broken_engine(tmp_path, monkeypatch):
     (tmp_path / "broken_engine.py").write_text(BROKEN_ENGINE)
@@ -99,7 +90,7 @@ class TestRun:
             assert frame[column].to_numpy() == pytest.approx(truth[column], abs=1e-9 if column != "motor.effort" else 1e-7)
 
     def test_events_in_the_file_are_two_sided(self, tmp_path):
-        invoke("run", "slider-bar-case-1", "--t-end", "3", "--events", "--out", str(tmp_path / "run.csv"))
+        invoke("run", "slider-bar-case-1", "--t-end", "3", "--events", "--out", tmp_path / "run.csv")
         frame = pd.read_csv(tmp_path / "run.csv")
         slip = frame[np.isclose(frame["t"], 0.304719758, atol=1e-8)]  # equations.md: events of case 1
         assert list(slip["guide.mode"]) == [0, -1] or list(slip["guide.mode"]) == [0, 1]
@@ -132,8 +123,7 @@ class TestRun:
         assert shown(1e-3, x=1.0, y=1e-6)["bar"][:2] == ["1", "1e-06"]
 
     def test_events_without_values_are_listed_without_jumps(self):
-        ended = CliRunner().invoke(app, ["run", "slider-bar-case-1", "--t-end", "1", "--setting", "event_values=false"])
-        assert ended.exit_code == 0, ended.output
+        ended = invoke("run", "slider-bar-case-1", "--t-end", "1", "--setting", "event_values=false")
         assert re.search(r"0\.304719758\s+slip\s+guide", ended.output)
 
     def test_an_event_has_no_jump_of_another_part(self, tmp_path):
@@ -144,17 +134,17 @@ class TestRun:
             f't_end = 1\ngravity = [0, -9.81]\n[bodies]\n{bodies}[joints]\n{guides}[drives]\n'
             'motor = { type = "distance", bodies = ["driven", "ground"], axis = [1, 0], law = { type = "sine", amplitude = 0.5, frequency = 2 } }\n'
             '[forces]\nload = { type = "force", body = "free", direction = [1, 0], law = { type = "sine", amplitude = 3, frequency = 2 } }\n')
-        ended = CliRunner().invoke(app, ["run", str(tmp_path / "parts.toml")])
-        assert ended.exit_code == 0, ended.output
+        ended = invoke("run", tmp_path / "parts.toml")
         lines = [line.split() for line in ended.output.splitlines() if "-guide" in line and not line.startswith(("driven", "free"))]
         assert {(line[2], len(line)) for line in lines} == {("driven-guide", 4), ("free-guide", 3)}
 
     def test_forces_that_guides_at_rest_leave_open(self, tmp_path):
         """Friction and normal forces of the trammel; the file has empty cells, and the figure gaps."""
         command = ("run", "hard/trammel-at-rest", "--engine", "pymunk", "--t-end", "0.1", "--dt", "1e-3")
-        told = [line for line in invoke(*command, "--plot", str(tmp_path / "run.svg")).stdout.splitlines() if line.endswith("left open")]
+        shown = invoke(*command, "--plot", tmp_path / "run.svg").stdout
+        told = [line for line in shown.splitlines() if line.endswith("left open")]
         assert sorted(line.split()[0] for line in told) == sorted(f"guide-{axis}.{force}" for axis in "xy" for force in ("friction", "normal_force"))
-        invoke(*command, "--out", str(tmp_path / "run.csv"))
+        invoke(*command, "--out", tmp_path / "run.csv")
         frame = pd.read_csv(tmp_path / "run.csv")
         assert frame["guide-x.friction"].isna().all() and frame["guide-x.moment"].notna().all() and (tmp_path / "run.svg").stat().st_size > 1000
 
@@ -175,6 +165,10 @@ class TestFailures:
         result = invoke("run", "pendulum", "--engine", broken_engine, "--setting", f"how={how}", exit_code=FAILED)
         assert "Traceback (most recent call last)" in result.stderr and "broken_engine.py" in result.stderr
         assert f"failed: {words}" in result.stderr.splitlines()[-1]
+
+    def test_the_traceback_of_an_engine_on_request(self, broken_engine):
+        full = invoke("run pendulum --traceback --setting", "how=give up", "--engine", broken_engine, exit_code=FAILED)
+        assert "Traceback" in full.stderr and "raise EngineFailure(" in full.stderr and "failed: Newton" in full.stderr
 
     def test_engine_that_is_not_installed(self):
         result = invoke("run", "pendulum", "--engine", "no_such_package:Engine", exit_code=FAILED)
@@ -212,8 +206,8 @@ class TestCompare:
 
     def test_cost_says_what_is_no_independent_truth_and_what_its_columns_are(self, tmp_path, in_this_process):
         """A sled on a slope pulled by a spring has no truth but our own run."""
-        invoke("new", str(tmp_path / "sled.toml"))
-        own = invoke("compare", "cost", str(tmp_path / "sled.toml"), "--quick", "--engines", "reference", "--repeats", "1", "--t-end", "0.5").stdout
+        invoke("new", tmp_path / "sled.toml")
+        own = invoke("compare cost --quick --engines reference --repeats 1 --t-end 0.5", tmp_path / "sled.toml").stdout
         assert "our own run" in own and "not independent" in own and "CPU to an error of 1 mm in sled" in own
 
     def test_a_truth_without_jumps_is_no_failure(self, in_this_process):
@@ -259,15 +253,20 @@ class TestProcess:
         return subprocess.Popen([sys.executable, "-m", "stiction", *arguments], text=True, stdout=subprocess.PIPE,
                                 stderr=subprocess.PIPE, **options)
 
-    def test_interrupt(self, broken_engine, tmp_path, interruptible):
-        process = self.command("run", "pendulum", "--engine", broken_engine, "--setting", "how=hang", cwd=tmp_path)
+    @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+    @pytest.mark.parametrize(("sent", "code", "words"), [
+        (signal.SIGINT, INTERRUPTED, "stiction: interrupted\n"), (signal.SIGTERM, TERMINATED, None)])
+    @pytest.mark.usefixtures("interruptible")
+    def test_a_signal_leaves_neither_children_nor_folders(self, sent, code, words, broken_engine, tmp_path):
+        process = self.command("run", "pendulum", "--engine", broken_engine, "--setting", "how=hang", cwd=tmp_path,
+                               env=os.environ | {"TMPDIR": str(tmp_path)})
         while not (tmp_path / "hanging").exists():
             assert process.poll() is None
             time.sleep(0.05)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(sent)
         stdout, stderr = process.communicate(timeout=HANGS)
-        assert process.returncode == INTERRUPTED
-        assert (stdout, stderr) == ("", "stiction: interrupted\n")
+        assert (process.returncode, stdout) == (code, "") and words in (None, stderr), stderr
+        assert not list(tmp_path.glob("stiction-*"))
 
     @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
     def test_interrupt_while_imports_are_made_has_no_traceback(self, interruptible):
@@ -311,16 +310,6 @@ class TestProcess:
         assert b"0/?" not in b"".join(shown) and b"left" not in b"".join(shown)  # of one run nobody knows how long it takes
 
 
-def test_the_traceback_of_an_engine_on_request(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "broken_once_more.py").write_text(BROKEN_ENGINE)
-    arguments = ["run", "pendulum", "--engine", "broken_once_more:Broken", "--setting", "how=give up"]
-    brief, full = invoke(*arguments, exit_code=1), invoke(*arguments, "--traceback", exit_code=1)
-    assert "failed: Newton" in brief.output and "Traceback" not in brief.output
-    assert "Traceback" in full.stderr and "raise EngineFailure(" in full.stderr and "failed: Newton" in full.stderr
-
-
 class Terminal(StringIO):
     def isatty(self):
         return True
@@ -350,20 +339,6 @@ def test_more_instants_than_fit_are_bad_input():
 def test_a_breakdown_at_the_start_is_told_without_a_motion():
     result = invoke("run", "existence-lost", exit_code=1)
     assert "no motion, 1 rows" in result.output and "nan" not in result.output and "no solution of the HLCP was found" in result.stderr
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-def test_sigterm_leaves_neither_children_nor_folders(tmp_path):
-    (tmp_path / "broken.py").write_text(BROKEN_ENGINE)
-    command = subprocess.Popen([sys.executable, "-m", "stiction", "run", "pendulum", "--engine", "broken:Broken", "--setting", "how=hang"], cwd=tmp_path,
-                               stderr=subprocess.PIPE, text=True, env=os.environ | {"TMPDIR": str(tmp_path), "PYTHONPATH": str(Path(__file__).parents[2])})
-    while not (tmp_path / "hanging").exists():
-        assert command.poll() is None
-        time.sleep(0.05)
-    command.send_signal(signal.SIGTERM)
-    command.communicate(timeout=HANGS)
-    assert command.returncode == 143
-    assert not list(tmp_path.glob("stiction-*"))
 
 
 @pytest.mark.parametrize(("command", "work"), [

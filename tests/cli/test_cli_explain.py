@@ -4,9 +4,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from conftest import invoke
 
-from stiction.cli.app import app
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.equation_summary import constraint_components, constraint_rows, hlcp_size, rank
@@ -66,8 +65,7 @@ class TestConstraintGraph:
 
 class TestCommand:
     def test_slider_bar(self):
-        result = CliRunner().invoke(app, ["explain", "slider-bar-case-1"])
-        assert result.exit_code == 0, result.output
+        result = invoke("explain", "slider-bar-case-1")
         assert table_row(result.stdout, "slipping") == ["5", "5"]
         assert table_row(result.stdout, "sticking") == ["9", "6"]
         assert table_row(result.stdout, "dampers") == ["no", "viscous", "force"]
@@ -77,10 +75,9 @@ class TestCommand:
         assert table_row(result.stdout, "exudyn", "joint") == ["yes"]
 
     def test_override_changes_it(self):
-        result = CliRunner().invoke(app, ["explain", "slider-bar-case-1", "--set", "guide.mus=", "--set", "guide.mu="])
+        result = invoke("explain", "slider-bar-case-1", "--set", "guide.mus=", "--set", "guide.mu=")
         assert "no friction: no complementarity problem" in result.stdout
 
     @pytest.mark.parametrize("name", catalogue())
     def test_whole_catalogue(self, name):
-        result = CliRunner().invoke(app, ["explain", name])
-        assert result.exit_code == 0, result.output
+        invoke("explain", name)

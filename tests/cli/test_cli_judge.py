@@ -3,9 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
+from conftest import invoke
 
-from stiction.cli.app import app
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.scenes import load_scene
 
@@ -24,7 +23,7 @@ def judge(tmp_path, monkeypatch, frame):
 
     def call(table, *arguments):
         (frame if table is None else table).to_csv("result.csv", index=False)
-        return CliRunner().invoke(app, ["judge", CASE, "result.csv", *arguments])
+        return invoke("judge", CASE, "result.csv", *arguments, exit_code=None)
 
     return call
 
@@ -69,5 +68,5 @@ def test_folder(judge, tmp_path):
 def test_garbage(tmp_path, monkeypatch, content):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "r.csv").write_bytes(content)
-    result = CliRunner().invoke(app, ["judge", CASE, "r.csv"])
-    assert result.exit_code == 2 and "r.csv" in result.stderr and len(result.stderr) < 1000
+    result = invoke("judge", CASE, "r.csv", exit_code=2)
+    assert "r.csv" in result.stderr and len(result.stderr) < 1000

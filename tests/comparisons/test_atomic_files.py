@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import content, invoke
 from matplotlib.figure import Figure
-from typer.testing import CliRunner
 
-from stiction.cli.app import app
 from stiction.comparisons.atomic_files import NotWritten, whole_file, write_text
 from stiction.comparisons.complementarity.problems import STORED
 from stiction.reports import REPORT, FolderRefused, check_folder
@@ -32,10 +31,6 @@ def full_disk(monkeypatch):
 
     monkeypatch.setattr(pd.DataFrame, "to_csv", to_csv)
     monkeypatch.setattr(pd.DataFrame, "to_parquet", to_csv)
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_a_file_is_replaced_whole(tmp_path):
@@ -79,16 +74,15 @@ def test_a_full_disk_names_the_file_and_leaves_the_old_one(tmp_path):
 def test_run_on_a_full_disk_keeps_the_old_file_and_shows_the_result(tmp_path, full_disk, in_this_process):
     out = tmp_path / "run.csv"
     out.write_text("old")
-    ended = CliRunner().invoke(app, ["run", "pendulum", "--t-end", "0.1", "--out", str(out)])
-    assert ended.exit_code == 1 and "run.csv: not written: No space left on device" in ended.output
+    ended = invoke("run", "pendulum", "--t-end", "0.1", "--out", out, exit_code=1)
+    assert "run.csv: not written: No space left on device" in ended.output
     assert "end state" in ended.output and content(tmp_path) == {"run.csv": b"old"}
 
 
 def test_compare_on_a_full_disk_shows_the_table(tmp_path, full_disk, in_this_process):
     out = tmp_path / "drift.csv"
-    ended = CliRunner().invoke(app, ["compare", "drift", "pendulum", "--t-end", "0.1", "--engines", "reference",
-                                     "--quick", "--out", str(out)])
-    assert ended.exit_code == 1 and "drift.csv: not written" in ended.output
+    ended = invoke("compare drift pendulum --t-end 0.1 --engines reference --quick --out", out, exit_code=1)
+    assert "drift.csv: not written" in ended.output
     assert "drift" in ended.output.partition("drift.csv: not")[0]
     assert content(tmp_path) == {}
 
@@ -98,8 +92,8 @@ def test_a_report_on_a_full_disk_keeps_the_previous_one(report_folder, tmp_path,
     run, paper = tmp_path / "run", tmp_path / "paper"
     shutil.copytree(report_folder, run)
     paper.mkdir()
-    ended = CliRunner().invoke(app, ["paper", str(run), "--out", str(paper)])
-    assert ended.exit_code == 1 and "paper: not written: No space left on device" in ended.output
+    ended = invoke("paper", run, "--out", paper, exit_code=1)
+    assert "paper: not written: No space left on device" in ended.output
     assert content(run) == content(report_folder) and content(paper) == {}
     assert {path.name for path in tmp_path.iterdir()} == {"run", "paper"}
 
@@ -133,8 +127,8 @@ def test_figures_on_a_full_disk(tmp_path):
 def test_a_paper_never_takes_the_place_of_its_run(out, report_folder, tmp_path):
     run = tmp_path / "a" / "run"
     shutil.copytree(report_folder, run)
-    ended = CliRunner().invoke(app, ["paper", str(run), "--out", str(run / out)])
-    assert ended.exit_code == 2 and "expected another place" in ended.output
+    ended = invoke("paper", run, "--out", run / out, exit_code=2)
+    assert "expected another place" in ended.output
     assert content(run) == content(report_folder) and [path.name for path in (tmp_path / "a").iterdir()] == ["run"]
 
 
@@ -142,8 +136,8 @@ def test_a_paper_never_takes_the_place_of_another_run(report_folder, tmp_path):
     one, other = tmp_path / "one", tmp_path / "other"
     shutil.copytree(report_folder, one)
     shutil.copytree(report_folder, other)
-    ended = CliRunner().invoke(app, ["paper", str(one), "--out", str(other)])
-    assert ended.exit_code == 2 and "another kind of folder, without paper.pdf" in ended.output
+    ended = invoke("paper", one, "--out", other, exit_code=2)
+    assert "another kind of folder, without paper.pdf" in ended.output
     assert content(other) == content(report_folder)
     with pytest.raises(FolderRefused, match="another kind"), run_folder(other, "paper.pdf"):
         pass
@@ -154,15 +148,14 @@ def test_an_output_that_is_the_input(tmp_path):
     source = Path(__file__).parents[2] / "comparisons" / "data" / STORED
     problems = tmp_path / "problems.parquet"
     shutil.copy(source, problems)
-    ended = CliRunner().invoke(app, ["replay", "--problems", str(problems), "--out", str(problems)])
-    assert ended.exit_code == 2 and "needs for something else" in ended.output
+    ended = invoke("replay", "--problems", problems, "--out", problems, exit_code=2)
+    assert "needs for something else" in ended.output
     assert problems.read_bytes() == source.read_bytes()
 
 
 def test_a_baseline_that_cannot_be_written_is_refused_before_anything_runs(tmp_path):
-    ended = CliRunner().invoke(app, ["baseline", "update", "--file", str(tmp_path / "gone" / "b.toml"), "--reason",
-                                     "new"])
-    assert ended.exit_code == 2 and "--file: found" in ended.output and "folder that exists" in ended.output
+    ended = invoke("baseline", "update", "--file", tmp_path / "gone" / "b.toml", "--reason", "new", exit_code=2)
+    assert "--file: found" in ended.output and "folder that exists" in ended.output
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")

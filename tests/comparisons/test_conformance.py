@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 import tomli_w
-from typer.testing import CliRunner
+from conftest import invoke
 
-from stiction.cli.app import app
 from stiction.comparisons.conformance import conformance, conformance_scenes
 from stiction.engines.pymunk.engine import PymunkEngine
 from stiction.scenes import InputError
@@ -107,7 +106,6 @@ def test_engines_of_any_kind():
 
 
 def test_command(declared):
-    runner = CliRunner()
-    ended = runner.invoke(app, ["engines", declared(behind="every(['y'], lambda y: -y)"), "--try"])
-    assert ended.exit_code == 1 and "free-body: wrong" in ended.output and "other sign" in ended.output and "pendulum" not in ended.output
-    assert runner.invoke(app, ["engines", "--try"]).exit_code == 2
+    ended = invoke("engines", declared(behind="every(['y'], lambda y: -y)"), "--try", exit_code=1)
+    assert "free-body: wrong" in ended.output and "other sign" in ended.output and "pendulum" not in ended.output
+    invoke("engines --try", exit_code=2)

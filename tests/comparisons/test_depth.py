@@ -2,11 +2,10 @@
 
 import pandas as pd
 import pytest
+from conftest import invoke
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.campaigns.comparison import Comparison, records_comparison
 from stiction.comparisons.campaigns.participants import cost_variants, threshold_variants, variants
@@ -81,8 +80,8 @@ def test_rungs_down_to_the_finest(rungs, finest, parameter):
 
 
 def test_one_depth_at_a_time():
-    ended = CliRunner().invoke(app, ["validate", "--quick", "--full"])
-    assert ended.exit_code == BAD_INPUT and "--quick, --full" in ended.output
+    ended = invoke("validate", "--quick", "--full", exit_code=BAD_INPUT)
+    assert "--quick, --full" in ended.output
 
 
 def plan():

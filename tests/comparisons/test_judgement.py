@@ -1,5 +1,7 @@
 """Judgement of tables: the truth is right, every way to be wrong is seen, and nothing is charged that samples cannot show."""
 
+from functools import cache
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,6 +14,7 @@ from stiction.scenes.result_table import parse_units
 from stiction.scenes.trajectory import events_frame
 
 CASE = "slider-bar-case-1"
+pytestmark = pytest.mark.usefixtures("compiled")
 POSITIONS, VELOCITIES = (".x", ".y", ".angle"), (".vx", ".vy", ".omega")
 
 
@@ -24,6 +27,12 @@ def true_table(step=0.01, two_sided=False, name=CASE, **overrides):
         return frame
     sides = [{"t": event.time, **side} for event in truth.events for side in (event.before, event.after)]
     return pd.concat([frame, pd.DataFrame(sides)]).sort_values("t", kind="stable", ignore_index=True)
+
+
+@cache
+def own_run(name):
+    scene = load_scene(name)
+    return scene, stiction.load_engine("reference").simulate(scene, rtol=1e-9, output_step=scene.t_end / 1000)
 
 
 def only(frame, *endings):
@@ -45,7 +54,7 @@ def frame():
 
 class TestRight:
     @pytest.mark.parametrize("two_sided", [False, True])
-    def test_truth_is_right_in_every_respect(self, compiled, two_sided):
+    def test_truth_is_right_in_every_respect(self, two_sided):
         judged = judge(CASE, true_table(two_sided=two_sided))
         table = judged.tables["errors"]
         assert (table["error"] <= table["uncertainty"] + 1e-12).all() and set(table["hint"]) == {""}
@@ -59,13 +68,13 @@ class TestRight:
             assert error_of(judged, "motor.effort")["uncertainty"] < 1e-8 and summary["events matched"] == 25
             assert judged.tables["jumps"]["jump error [N m]"].abs().max() < 1e-9
 
-    def test_positions_are_enough(self, compiled, frame):
+    def test_positions_are_enough(self, frame):
         judged = judge(CASE, only(frame, *POSITIONS))
         assert judged.error < 1e-12 and set(verdicts(judged)) == {FOUND}
         assert judged.tables["summary"].at[0, "position drift, max [m]"] < 1e-12
         assert "energy" in str(judged)
 
-    def test_nothing_between_samples_is_charged(self, compiled):
+    def test_nothing_between_samples_is_charged(self):
         """A tenth of a second between samples bends an interpolated position by millimetres."""
         judged = judge(CASE, true_table(step=0.1))
         effort = error_of(judged, "motor.effort")
@@ -74,34 +83,33 @@ class TestRight:
     @pytest.mark.parametrize("two_sided", [False, True])
     @pytest.mark.parametrize("name", ["coulomb-oscillator", "elliptic-trammel", "hard/wedged-slider", "hard/three-stop-at-once",
                                       "hard/three-guides-at-rest", "hard/trammel-at-rest", "hard/trammel-comes-to-rest"])
-    def test_nothing_is_held_against_a_run_of_ours(self, compiled, name, two_sided):
+    def test_nothing_is_held_against_a_run_of_ours(self, name, two_sided):
         """With many events, events at the end of a sample, at one instant, in independent parts, and without any motion."""
-        scene = load_scene(name)
-        run = stiction.load_engine("reference").simulate(scene, rtol=1e-9, output_step=scene.t_end / 1000)
+        scene, run = own_run(name)
         judged = judge(scene, run if two_sided else run.to_frame())
         assert judged.error < 1e-8 and not judged.hints and judged.tables["findings"].empty
         assert {MISSED, INVENTED}.isdisjoint(verdicts(judged))
         assert not judged.tables["summary"].get("events spurious", pd.Series([0]))[0]
 
-    def test_angles_may_be_wrapped(self, compiled, frame):
+    def test_angles_may_be_wrapped(self, frame):
         wrapped = frame.assign(**{"bar.angle": np.angle(np.exp(1j * frame["bar.angle"]))})
         judged = judge(CASE, only(wrapped, *POSITIONS))
         assert judged.error < 1e-12 and judged.tables["summary"].at[0, "position drift, max [m]"] < 1e-12
 
 
 class TestWrong:
-    def test_another_friction_coefficient(self, compiled, frame):
+    def test_another_friction_coefficient(self, frame):
         other = true_table(mu=0.035)
         judged = judge(CASE, other)
         assert judged.error == pytest.approx(np.abs(other["slider.x"] - frame["slider.x"]).max(), rel=0.01)
         assert INVENTED in verdicts(judged) and not judged.is_misread
         assert any("friction" in finding for finding in judged.tables["findings"]["finding"])
 
-    def test_creep_is_no_stick(self, compiled, frame):
+    def test_creep_is_no_stick(self, frame):
         creeping = frame.assign(**{"guide.slip_velocity": frame["guide.slip_velocity"] + 0.01})
         assert set(verdicts(judge(CASE, only(creeping, ".slip_velocity")))) == {MISSED}
 
-    def test_millimetres_and_degrees(self, compiled, frame):
+    def test_millimetres_and_degrees(self, frame):
         frame = only(frame, *POSITIONS, *VELOCITIES, ".effort")
         scale = [1 if name == "t" else 180 / np.pi if name.endswith((".angle", ".omega")) else 1e3 for name in frame]
         wrong = judge(CASE, frame * scale)
@@ -110,25 +118,25 @@ class TestWrong:
         assert right.error < 1e-12 and not right.hints
 
     @pytest.mark.parametrize(("step", "word"), [(1, "late"), (-1, "early")])
-    def test_a_step_off(self, compiled, frame, step, word):
+    def test_a_step_off(self, frame, step, word):
         shifted = only(frame, *POSITIONS).shift(step).ffill().bfill().assign(t=frame["t"])
         judged = judge(CASE, shifted)
         [(hint, columns)] = judged.hints.items()
         assert word in hint and "slider.x" in columns and not judged.is_misread
         assert judged.error == pytest.approx(0.01 * frame["bar.vx"].abs().max(), rel=0.1)
 
-    def test_a_reversed_sign(self, compiled, frame):
+    def test_a_reversed_sign(self, frame):
         frame = only(frame, *POSITIONS, ".effort")
         frame = frame.assign(**{"motor.effort": -frame["motor.effort"]})
         judged = judge(CASE, frame)
         assert judged.is_misread and list(judged.hints.values()) == [["motor.effort"]] and judged.error < 1e-12
         assert not judge(CASE, frame, {"motor.effort": "-motor.effort"}).hints
 
-    def test_another_origin(self, compiled, frame):
+    def test_another_origin(self, frame):
         judged = judge(CASE, only(frame, "slider.x").assign(**{"slider.x": frame["slider.x"] - 0.25}))
         assert judged.is_misread and judged.error == pytest.approx(0.25)
 
-    def test_energy_velocities_and_constraints_that_do_not_fit(self, compiled, frame):
+    def test_energy_velocities_and_constraints_that_do_not_fit(self, frame):
         summary = judge(CASE, frame.assign(**{"motor.effort": 1.1 * frame["motor.effort"]})).tables["summary"].loc[0]
         assert summary["energy error [J]"] > 3 * summary["energy uncertainty [J]"]
         states = only(frame, *POSITIONS, *VELOCITIES)
@@ -137,36 +145,36 @@ class TestWrong:
         off = only(frame, *POSITIONS).assign(**{"slider.y": frame["slider.y"] + 1e-3 * frame["t"]})
         assert judge(CASE, off).tables["summary"].at[0, "position drift, max [m]"] == pytest.approx(0.024 * np.sqrt(2), rel=0.01)
 
-    def test_what_a_table_does_not_cover_is_not_counted(self, compiled, frame):
+    def test_what_a_table_does_not_cover_is_not_counted(self, frame):
         late = judge(CASE, frame[frame["t"] >= 19])
         assert not late.is_complete and verdicts(late) == [FOUND]
         assert late.tables["jumps"]["event time [s]"].min() >= 19 and late.tables["jumps"]["resolved"].all()
 
-    def test_two_rows_are_a_table_and_half_a_one_is_not_complete(self, compiled, frame):
+    def test_two_rows_are_a_table_and_half_a_one_is_not_complete(self, frame):
         judged, half = judge(CASE, frame[:2]), frame[frame["t"] <= 12]
         assert judged.error < 1e-12 and not judged.is_complete and not verdicts(judged)
         assert not judge(CASE, half).is_complete and judge(CASE, half, t_end=12).is_complete
 
 
 class TestSampling:
-    def test_short_stick_phases_are_not_charged(self, compiled):
+    def test_short_stick_phases_are_not_charged(self):
         """At F0 = 4.1 N one of them takes 7.4 ms."""
         scene = load_scene(CASE, {"F0": 4.1})
         assert sorted(verdicts(judge(scene, true_table(F0=4.1)))) == [FOUND, FOUND, UNRESOLVED]
         assert set(verdicts(judge(scene, true_table(step=1e-3, F0=4.1)))) == {FOUND}
 
-    def test_jumps_between_neighbouring_events_cannot_be_read(self, compiled):
+    def test_jumps_between_neighbouring_events_cannot_be_read(self):
         jumps = judge(CASE, true_table(step=0.1)).tables["jumps"]
         assert not jumps["resolved"].all() and not jumps["readable"].all()
         assert judge(CASE, true_table(step=2e-3)).tables["jumps"]["resolved"].all()
 
 
 class TestTruths:
-    def test_our_own_run_is_called_so(self, compiled):
+    def test_our_own_run_is_called_so(self):
         judged = judge("hard/peak-of-the-load", true_table(name="hard/peak-of-the-load"))
         assert judged.error < 1e-12 and "not independent" in str(judged)
 
-    def test_without_a_truth_the_table_is_held_against_itself(self, compiled):
+    def test_without_a_truth_the_table_is_held_against_itself(self):
         run = stiction.load_engine("reference").simulate(load_scene("painleve-rod"))
         judged = judge("painleve-rod", run)
         assert judged.error is None and "no truth" in str(judged) and judged.tables["findings"].empty
@@ -174,12 +182,12 @@ class TestTruths:
         torn["rod.x"] += 0.3 * (torn["t"] > 0.03)
         assert len(judge("painleve-rod", torn).tables["findings"])
 
-    def test_a_scene_without_friction(self, compiled):
+    def test_a_scene_without_friction(self):
         judged = judge("pendulum", true_table(name="pendulum"))
         assert judged.error < 1e-12 and judged.tables["stick-phases"].empty and list(judged.tables["jumps"]) == ["effort"]
 
 
-def test_events_of_a_table_without_modes_are_those_of_the_truth(compiled):
+def test_events_of_a_table_without_modes_are_those_of_the_truth():
     judged = judge(CASE, only(true_table(two_sided=True), ".x", ".effort"))
     found, true = events_frame(judged.trajectory.events), events_frame(judged.truth.events)
     assert list(found["kind"]) == list(true["kind"])

@@ -5,9 +5,8 @@ import json
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
+from conftest import invoke
 
-from stiction.cli.app import app
 from stiction.reports.dataset import write_dataset
 from stiction.reports.run_folder.overwriting import FolderRefused
 from stiction.scenes import load_scene
@@ -59,5 +58,5 @@ def test_nothing_of_others_is_overwritten(folder, tmp_path):
     (["--scenes", "pendulum"], 0), (["--scenes", "pendulum,nowhere"], 2), (["--scenes", "painleve-rod"], 1)])
 def test_command(compiled, tmp_path, arguments, code):
     target = tmp_path / "truths"
-    result = CliRunner().invoke(app, ["dataset", str(target), *arguments])
-    assert result.exit_code == code and (target / "pendulum" / "truth.csv").is_file() == (code == 0)
+    invoke("dataset", target, *arguments, exit_code=code)
+    assert (target / "pendulum" / "truth.csv").is_file() == (code == 0)

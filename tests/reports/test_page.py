@@ -9,13 +9,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import invoke
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from report_material import unsaved_figures, validation_of
-from typer.testing import CliRunner
 
-from stiction.cli.app import app
 from stiction.comparisons.campaigns import history
 from stiction.comparisons.campaigns.measurement import Metric, Row
 from stiction.comparisons.results import Results
@@ -291,10 +290,8 @@ def test_history_draws_each_metric_s_course(history_page, open_page):
 
 
 def test_page_needs_nothing_but_itself_and_is_the_same_twice(run_page, report_folder, history_file, history_page, tmp_path):
-    runner = CliRunner()
     for source, file in ((report_folder, run_page), (history_file, history_page)):
-        ended = runner.invoke(app, ["page", str(source), "--out", str(tmp_path / "again.html")])
-        assert ended.exit_code == 0, ended.output
+        invoke("page", source, "--out", tmp_path / "again.html")
         assert (tmp_path / "again.html").read_bytes() == file.read_bytes()
         page = re.sub(r"<script\b.*?</script>", "", file.read_text(), flags=re.S)
         assert not re.findall(r"""(?:src|href)=["'](?!#|data:)""", re.sub(r'src="data:[^"]*"', "", page))

@@ -43,9 +43,14 @@ def full(validation) -> Results:
 
 
 @pytest.fixture(scope="module")
-def folder(full, tmp_path_factory):
+def report(full) -> Report:
+    return report_of(full)
+
+
+@pytest.fixture(scope="module")
+def folder(report, tmp_path_factory):
     with unsaved_figures():
-        return write_report(report_of(full), tmp_path_factory.mktemp("page one") / "run").parent
+        return write_report(report, tmp_path_factory.mktemp("page one") / "run").parent
 
 
 def read(folder) -> dict[str, pd.DataFrame]:
@@ -59,16 +64,16 @@ def numbers(report: Report) -> list[Number]:
     return [number for part in parts for number in part.numbers]
 
 
-def test_every_number_is_in_the_data(full, folder):
-    told, data = numbers(report_of(full)), read(folder)
+def test_every_number_is_in_the_data(report, folder):
+    told, data = numbers(report), read(folder)
     assert len(told) > 15 and {bool(number.column) for number in told} == {True, False} and {number.table for number in told} >= {"accuracy", "equal-error", "hard"}
     assert [number for number in told if not is_in(number, data)] == []
 
 
-def test_data_that_say_something_else_are_noticed(full, folder):
+def test_data_that_say_something_else_are_noticed(report, folder):
     """Every number, with its own cells changed; of a count every row is there twice."""
     data = read(folder)
-    for number in numbers(report_of(full)):
+    for number in numbers(report):
         table = data[number.table]
         if not number.column:
             changed = pd.concat([table, table])
@@ -77,8 +82,7 @@ def test_data_that_say_something_else_are_noticed(full, folder):
         assert number.text == "0" or not is_in(number, {**data, number.table: changed}), number
 
 
-def test_no_other_digits(full):
-    report = report_of(full)
+def test_no_other_digits(full, report):
     page = text = " ".join(page_one(report, "", "Run.").split())
     assert len(text) > 500
     for fixed in (TITLE, HOW_TO_READ, mechanism_in_words(full), *FIXED, *(run.variant.label for run in full.records)):
@@ -99,8 +103,7 @@ def test_it_comes_out_whatever_is_missing(full, missing):
     assert empty.splitlines() == [f"# {TITLE}", "", "There were no runs. Run."]
 
 
-def test_what_stands_beside_an_answer_is_no_line_of_the_terminal(full):
-    report = report_of(full)
+def test_what_stands_beside_an_answer_is_no_line_of_the_terminal(full, report):
     study = next(study for study in report.said if study.on_page_one)
     beside = traced("It holds with {}.", value("accuracy", full.table("accuracy"), 0, "position error [m]"))
     said = replace(report, said={**report.said, study: replace(report.said[study], beside=beside)})
@@ -109,8 +112,8 @@ def test_what_stands_beside_an_answer_is_no_line_of_the_terminal(full):
     assert list(answer_lines(said)) == list(answer_lines(report))
 
 
-def test_times_are_those_of_all_cases_with_their_signs(full):
-    reference, scheme = (part.text for part in report_of(full).answer[:2])
+def test_times_are_those_of_all_cases_with_their_signs(report):
+    reference, scheme = (part.text for part in report.answer[:2])
     assert "1 mm takes ≤ 1.3 to ≤ 3.2 ms of CPU." in reference and "1 mm takes ~57 ms of CPU in case 1" in scheme
 
 
@@ -126,14 +129,14 @@ def test_our_own_solver_of_contacts_is_no_existing_engine(full):
     assert "right to 1 mm in all three cases" in said("pymunk")
 
 
-def test_runs_that_failed_in_other_studies_are_not_kept_from_the_page(full):
+def test_runs_that_failed_in_other_studies_are_not_kept_from_the_page(full, report):
     ended = pd.DataFrame([{"scene": "slider-bar-case-1", "choice": "none", "step": 0.016, "status": "ok", "reason": "stopped"}])
-    assert "other studies" not in page_one(report_of(full), "", "Run.")
+    assert "other studies" not in page_one(report, "", "Run.")
     assert "ended early, of no stabilization: `failures.md`" in runs_in_words(replace(full, tables={**full.tables, "study": ended})).text
 
 
-def test_methods_stand_in_groups_that_may_be_compared(full):
-    table = headline_table(report_of(full))
+def test_methods_stand_in_groups_that_may_be_compared(full, report):
+    table = headline_table(report)
     assert list(table.groups) == ["joint, mus > mu", "contact, mus > mu"] and table.heads[0] == "method"
     assert [method for rows in table.groups.values() for method in rows] == methods(full)
     assert all(len(row) == len(table.heads) for row in table.rows)

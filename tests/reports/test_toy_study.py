@@ -1,23 +1,21 @@
 """A new question is one new file: it appears in the commands, the main job, the report, the paper and the page without another line."""
 
 import json
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import pandas as pd
 import pytest
-from report_material import unsaved_figures
-from typer.testing import CliRunner
+from conftest import invoke
+from report_material import save_one, unsaved_figures
 
-from stiction.cli.app import app
 from stiction.comparisons import studies as package
 from stiction.comparisons.campaigns import validation as campaign
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import studies
 from stiction.reports import report_of, write_report
-from stiction.reports.figures.style import save_all
 from stiction.reports.page import write_run_page
 from stiction.reports.page_one import answer_lines
 from stiction.reports.paper import folder, write_paper
@@ -96,14 +94,12 @@ def run(toy, validation, tmp_path_factory):
 
 
 def test_it_is_a_command(toy, in_this_process, tmp_path):
-    runner = CliRunner()
-    assert "toy" in runner.invoke(app, ["compare", "--help"]).stdout
-    ended = runner.invoke(app, ["compare", "toy", "--out", str(tmp_path / "toy.csv"), "--plot", str(tmp_path / "toy.svg")])
-    assert ended.exit_code == 0, ended.output
+    assert "toy" in invoke("compare --help").stdout
+    ended = invoke("compare toy --out", tmp_path / "toy.csv", "--plot", tmp_path / "toy.svg")
     assert all(text in ended.stdout for text in (ANSWER, "Paths by speed.", "path [cm]", CELL, "Friction is dry."))
     assert pd.read_csv(tmp_path / "toy.csv")["path [m]"].iloc[2] == 9 / (2 * 0.25 * 9.81) and (tmp_path / "toy.svg").stat().st_size > 1000
-    refused = runner.invoke(app, ["compare", "toy", "--drive", "motor"])
-    assert refused.exit_code == 2 and "`compare toy` makes no use of it" in " ".join(refused.stderr.split())
+    refused = invoke("compare toy --drive motor", exit_code=2)
+    assert "`compare toy` makes no use of it" in " ".join(refused.stderr.split())
 
 
 def test_it_is_in_the_report_and_on_the_terminal(run):
@@ -117,14 +113,7 @@ def test_it_is_in_the_report_and_on_the_terminal(run):
 
 
 def test_it_is_in_the_paper(run, tmp_path, monkeypatch):
-    def save_own(drawings, place, *others):
-        """Its own figure, in the place of all others too: they take most of the time."""
-        save_all([drawing for drawing in drawings if drawing.name == "toy-paths"], place, *others)
-        for drawing in drawings:
-            if drawing.name != "toy-paths":
-                shutil.copy(place / "toy-paths.pdf", place / f"{drawing.name}.pdf")
-
-    monkeypatch.setattr(folder, "save_all", save_own)
+    monkeypatch.setattr(folder, "save_all", partial(save_one, name="toy-paths"))
     paper = write_paper(run, tmp_path / "paper").parent
     assert rf"\textbf{{Toy.}} {ANSWER} (toy:3)" in (paper / "paper.tex").read_text() and rf"\section{{{QUESTION}}}" in (paper / "paper.tex").read_text()
     assert f"& {CELL} & toy:3" in (paper / "tables" / "toy.tex").read_text()
@@ -137,8 +126,8 @@ def test_it_is_on_the_page_and_its_keys_lead_to_its_rows(run, tmp_path):
     write_run_page(run, tmp_path / "run.html")
     page = (tmp_path / "run.html").read_text()
     assert all(part in page for part in (ANSWER, QUESTION, CELL, 'href="#key-toy-3"', 'id="key-toy-3"', "data/toy.csv, row 3", 'aria-label="toy-paths"'))
-    ended = CliRunner().invoke(app, ["trace", str(run.folder), "toy:3"])
-    assert ended.exit_code == 0 and str(9 / (2 * 0.25 * 9.81)) in ended.stdout
+    ended = invoke("trace", run.folder, "toy:3")
+    assert str(9 / (2 * 0.25 * 9.81)) in ended.stdout
 
 
 def test_without_its_tables_it_is_silent(toy):

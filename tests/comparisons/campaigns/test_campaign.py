@@ -1,9 +1,8 @@
 """A campaign that cannot be used is refused with every problem: the file, the key, what was found and expected."""
 
 import pytest
-from typer.testing import CliRunner
+from conftest import invoke
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 
@@ -59,8 +58,8 @@ def steps(text: str) -> str:
 def test_bad_campaign(text, culprits, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text(text)
-    ended = CliRunner().invoke(app, ["nightly", "bad.toml"])
-    assert ended.exit_code == BAD_INPUT and ended.stdout == "" and len(ended.stderr.splitlines()) < 30, ended.output
+    ended = invoke("nightly", "bad.toml", exit_code=BAD_INPUT)
+    assert ended.stdout == "" and len(ended.stderr.splitlines()) < 30, ended.output
     for culprit in ("bad.toml", *culprits):
         assert culprit in ended.stderr
     with pytest.raises(CampaignError):

@@ -12,11 +12,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from child_tasks import fail, hang, note, say_and_abort
-from conftest import called_here
-from typer.testing import CliRunner
+from conftest import called_here, invoke
 
 from stiction.cli import exit_codes
-from stiction.cli.app import app
 from stiction.cli.campaign import _end_runs
 from stiction.cli.exit_codes import INTERRUPTED, TERMINATED, Terminated, first_signal
 from stiction.comparisons import digest
@@ -201,8 +199,7 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible,
     command = ["validate", "--quick", "--engines", "reference", "--out", "report"]
     with monkeypatch.context() as patch:
         patch.setattr(executors, "isolate", isolate)
-        cut = CliRunner().invoke(app, command)
-    assert cut.exit_code == TERMINATED, cut.output
+        cut = invoke(*command, exit_code=TERMINATED)
     assert "the report of what is done follows" in cut.stderr
     assert "ended by SIGTERM: the report has what was done until then" in cut.stderr
     assert "the same command with --out report goes on" in cut.output and kept_file(Path("report")).exists()
@@ -219,9 +216,8 @@ def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible,
         return write_report(*given)
 
     monkeypatch.setattr("stiction.reports.write_report", write)
-    ended = CliRunner().invoke(app, command)
+    ended = invoke(*command, exit_code=INTERRUPTED)
     assert "5 runs were taken over from an earlier call" in ended.output, ended.output
-    assert ended.exit_code == INTERRUPTED, ended.output
     assert set(pd.read_csv("report/data/runs.csv")["status"]) == {"ok"} and kept_file(Path("report")).exists()
     assert "runs taken over" in Path("report/report.md").read_text()
     assert "It was interrupted" not in Path("report/report.md").read_text()

@@ -6,10 +6,8 @@ import signal
 
 import numpy as np
 import pytest
-from conftest import called_here
-from typer.testing import CliRunner
+from conftest import called_here, invoke
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.campaigns import executors
 from stiction.comparisons.campaigns.executors import open_isolate
@@ -104,11 +102,11 @@ def test_workers_that_cannot_isolate_or_have_other_code_are_refused(monkeypatch)
                                        ["nightly"]])
 def test_an_unknown_executor_is_refused(arguments, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    ended = CliRunner().invoke(app, [*arguments, "--executor", "threads"])
-    assert ended.exit_code == BAD_INPUT and "found 'threads'" in ended.output + ended.stderr
+    ended = invoke(*arguments, "--executor", "threads", exit_code=BAD_INPUT)
+    assert "found 'threads'" in ended.output + ended.stderr
 
 
 def test_a_night_that_measures_time_stays_here(tmp_path):
     out = tmp_path / "out"
-    ended = CliRunner().invoke(app, ["nightly", "--executor", "dask", "--out", str(out)])
-    assert ended.exit_code == BAD_INPUT and "measures time" in ended.output + ended.stderr and not out.exists()
+    ended = invoke("nightly", "--executor", "dask", "--out", out, exit_code=BAD_INPUT)
+    assert "measures time" in ended.output + ended.stderr and not out.exists()

@@ -12,10 +12,9 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from conftest import invoke
 from filelock import FileLock
-from typer.testing import CliRunner
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import COULD_NOT_RUN, NOT_COMPARED
 from stiction.comparisons.campaigns.history import HistoryRefused, open_history
 from stiction.comparisons.campaigns.measurement import Metric, Row
@@ -118,24 +117,13 @@ def test_something_else_is_refused(file, tmp_path):
             pass
 
 
-SLEEPER = """
-import time
-from stiction.engines.reference.engine import ReferenceEngine
-
-class Sleeper(ReferenceEngine):
-    name = "sleeper"
-
-    def run(self, scene, **arguments):
-        time.sleep(0.03)
-        return super().run(scene, **arguments)
-"""
 RUNGS = 20
 CAMPAIGN = f"""
 scenes = ["block-on-incline"]
 measure = ["accuracy", "drift", "counter"]
 workers = 2
-[variants.sleeper]
-engine = "sleeper:Sleeper"
+[variants.sleeping]
+engine = "damaged_solvers:Sleeping"
 dt = {[round(0.05 - 0.001 * i, 3) for i in range(RUNGS)]}
 settings = {{ method = "paper" }}
 """
@@ -156,13 +144,12 @@ def contents(folder: Path) -> pd.DataFrame:
 
 @pytest.mark.usefixtures("compiled")
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
-def test_a_night_that_is_killed_while_it_writes_goes_on_where_it_stopped(tmp_path):
+def test_a_night_that_is_killed_while_it_writes_goes_on_where_it_stopped(tmp_path, monkeypatch):
     """Its process group is killed when rows come fast: no run with a part of its numbers, none twice, none lost."""
-    (tmp_path / "sleeper.py").write_text(SLEEPER)
     (tmp_path / "campaign.toml").write_text(CAMPAIGN)
     (tmp_path / "baseline.toml").write_text("format = 2\n")
     command = [sys.executable, "-m", "stiction", "nightly", "campaign.toml", "--baseline", "baseline.toml", "--out", "out"]
-    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
+    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
     night = subprocess.Popen(command, cwd=tmp_path, env=environment, start_new_session=True, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 600
     while contents(tmp_path / "out").empty and night.poll() is None and time.monotonic() < deadline:
@@ -173,8 +160,8 @@ def test_a_night_that_is_killed_while_it_writes_goes_on_where_it_stopped(tmp_pat
     seen = contents(tmp_path / "out")
     assert len(seen) and not seen.duplicated(["key", "metric"]).any()
     assert seen.groupby("key").size().drop("block-on-incline/truth", errors="ignore").nunique() <= 1
-    ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600)
-    assert ended.returncode == NOT_COMPARED, ended.stderr
+    monkeypatch.chdir(tmp_path)
+    invoke(*command[3:], exit_code=NOT_COMPARED)
     whole = contents(tmp_path / "out")
     assert len(whole["key"].unique()) == RUNGS + 1 and not whole.duplicated(["key", "metric"]).any()
     kept = seen.merge(whole, on=["key", "metric"], how="left", suffixes=("", " now"))
@@ -186,6 +173,5 @@ def test_a_night_that_is_killed_while_it_writes_goes_on_where_it_stopped(tmp_pat
 def test_two_nights_at_once_are_refused(tmp_path):
     (tmp_path / "baseline.toml").write_text("format = 2\n")
     with FileLock(tmp_path / f".{HISTORY}.lock"):
-        ended = CliRunner().invoke(app, ["nightly", "--baseline", str(tmp_path / "baseline.toml"), "--out",
-                                         str(tmp_path)])
-    assert ended.exit_code == COULD_NOT_RUN and "another night is being written" in ended.stderr
+        ended = invoke("nightly", "--baseline", tmp_path / "baseline.toml", "--out", tmp_path, exit_code=COULD_NOT_RUN)
+    assert "another night is being written" in ended.stderr

@@ -6,9 +6,8 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
+from conftest import invoke
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.complementarity import replay as replays
 from stiction.comparisons.complementarity.problems import (SOLVED, UNSOLVABLE, Problem, problem_at, read_problems,
@@ -100,10 +99,7 @@ def test_problem_of_the_slider_bar():
     assert problem_at("", load_scene("slider-bar-case-1-frictionless"), 0.0, q, v, 1e-9) is None
 
 
-def test_replay_of_lemke(monkeypatch, in_this_process):
-    from stiction import engines
-
-    monkeypatch.setattr(replays, "isolate", engines.isolate)
+def test_replay_of_lemke(in_this_process):
     table = replay().set_index("class")
     judged = [name for name in replays.OUTCOMES]
     assert (table[judged].sum(axis=1) == table["problems"]).all()
@@ -112,22 +108,18 @@ def test_replay_of_lemke(monkeypatch, in_this_process):
     assert table.loc["random scenes: one guide", "solved"] == table.loc["random scenes: one guide", "problems"]
 
 
-def test_command(tmp_path, monkeypatch, in_this_process):
-    from stiction import engines
-
-    monkeypatch.setattr(replays, "isolate", engines.isolate)
-    result = CliRunner().invoke(app, ["replay", "--out", str(tmp_path / "table.csv")])
-    assert result.exit_code == 0, result.output
+def test_command(tmp_path, in_this_process):
+    result = invoke("replay", "--out", tmp_path / "table.csv")
     assert len(pd.read_csv(tmp_path / "table.csv")) > 5
     (tmp_path / "set.parquet").write_text("no set")
     for arguments in (["--solver", "nosuch:solve"], ["--problems", str(tmp_path / "set.parquet")], ["--problems", "nowhere.parquet"]):
-        result = CliRunner().invoke(app, ["replay", *arguments])
-        assert result.exit_code == BAD_INPUT and "Traceback" not in result.output, result.output
+        result = invoke("replay", *arguments, exit_code=BAD_INPUT)
+        assert "Traceback" not in result.output, result.output
 
 
 def test_classes_that_crash_are_no_success(tmp_path, monkeypatch):
     """A solver that crashes on everything but the smallest problems: some classes come out, and the command says that others did not."""
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "crashing_solver.py").write_text("import os\n\ndef solve(M, q):\n    if len(q) > 4:\n        os.abort()\n")
-    result = CliRunner().invoke(app, ["replay", "--solver", "crashing_solver:solve"])
-    assert result.exit_code == 1 and "classes failed" in result.output and "SIGABRT" in result.output, result.output
+    result = invoke("replay", "--solver", "crashing_solver:solve", exit_code=1)
+    assert "classes failed" in result.output and "SIGABRT" in result.output, result.output

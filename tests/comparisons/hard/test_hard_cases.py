@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import installed
+from conftest import installed, invoke
 from random_mechanisms import extreme_scene
-from typer.testing import CliRunner
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard import hard_cases
@@ -296,5 +294,5 @@ def test_ten_thousand_bodies_are_refused():
 @pytest.mark.parametrize("arguments", [["scenes", "soft"], ["compare", "hard", "--engines", "havok"], ["compare", "hard", "--timeout", "0"],
                                        ["compare", "hard", "--problems", "nowhere/set.parquet"]])
 def test_bad_commands(arguments):
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == BAD_INPUT and "Traceback" not in result.output
+    result = invoke(*arguments, exit_code=BAD_INPUT)
+    assert "Traceback" not in result.output

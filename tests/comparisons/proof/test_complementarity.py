@@ -6,14 +6,13 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 pytest.importorskip("flint", reason="python-flint is not installed: the extra stiction[proof]")
 
 from collect_problems import MISSED, settled
+from conftest import invoke
 from flint import fmpq, fmpq_mat
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.complementarity.audited_run import write_problems_of_run
 from stiction.comparisons.complementarity.exchange import read_folder, write_folder
@@ -178,29 +177,22 @@ def test_the_set_comes_back_to_the_bit_with_the_same_verdicts(every, largest, st
         assert verdict == decide(before) and verdict.decided != OPEN and holds(before, verdict)
 
 
-def invoke(*arguments):
-    return CliRunner().invoke(app, ["replay", *map(str, arguments)])
-
-
 def test_command_exports_reads_back_and_verifies(stored, tmp_path):
     write_folder(some(stored), tmp_path / "some")
-    ended = invoke("--problems", tmp_path / "some", "--export", tmp_path / "again")
-    assert ended.exit_code == 0 and "3 problems" in ended.output
-    ended = invoke("--problems", tmp_path / "again", "--verify", "--out", tmp_path / "table.csv")
-    assert ended.exit_code == 0, ended.output
+    assert "3 problems" in invoke("replay --problems", tmp_path / "some", "--export", tmp_path / "again").output
+    ended = invoke("replay --problems", tmp_path / "again", "--verify", "--out", tmp_path / "table.csv")
     assert "not decided" in ended.output and (tmp_path / "table.csv").exists()
-    assert invoke("--problems", tmp_path / "again", "--export", tmp_path / "again").exit_code == BAD_INPUT
-    assert invoke("--problems", tmp_path, "--verify").exit_code == BAD_INPUT
+    invoke("replay --problems", tmp_path / "again", "--export", tmp_path / "again", exit_code=BAD_INPUT)
+    invoke("replay --verify --problems", tmp_path, exit_code=BAD_INPUT)
 
 
 def test_command_verifies_what_a_run_meets(tmp_path, in_this_process):
-    ended = invoke("--run", "slider-bar-case-1", "--set", "t_end=1", "--verify", "--out", tmp_path / "table.csv")
-    assert ended.exit_code == 0, ended.output
+    invoke("replay --run slider-bar-case-1 --set t_end=1 --verify --out", tmp_path / "table.csv")
     table = pd.read_csv(tmp_path / "table.csv").set_index("class")
     met = table.loc["run"]
     assert met["problems"] == met["solution"] == met["right"] >= 10
     assert met["not decided"] == met["stored outcome refuted"] == 0
-    assert invoke("--run", "slider-bar-case-1", "--set", "t_end=1", "--export", tmp_path / "met").exit_code == 0
+    invoke("replay --run slider-bar-case-1 --set t_end=1 --export", tmp_path / "met")
     assert len(list(read_folder(tmp_path / "met"))) >= 10
 
 
@@ -226,8 +218,7 @@ def test_problems_of_a_run_are_those_of_its_steps_audits_and_events(tmp_path):
 
 
 @pytest.mark.parametrize("arguments, culprit", [
-    (["--run", "slider-bar-case-1", "--problems", "set.parquet"], "both"), (["--set", "F0=4"], "--run"),
-    (["--run", "pendulum"], "friction"), (["--run", "nothing"], "nothing")])
+    ("--run slider-bar-case-1 --problems set.parquet", "both"), ("--set F0=4", "--run"),
+    ("--run pendulum", "friction"), ("--run nothing", "nothing")])
 def test_command_refuses_what_is_no_run(arguments, culprit, in_this_process):
-    ended = invoke(*arguments)
-    assert ended.exit_code == BAD_INPUT and culprit in ended.output
+    assert culprit in invoke(f"replay {arguments}", exit_code=BAD_INPUT).output

@@ -2,12 +2,12 @@
 
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from conftest import invoke
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import COULD_NOT_RUN as COULD_NOT_RUN_CODE
 from stiction.cli.exit_codes import NOT_COMPARED, REGRESSED
 from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, updated
@@ -41,7 +41,7 @@ def night(tmp_path, monkeypatch, in_this_process):
     monkeypatch.chdir(tmp_path)
     Path("campaign.toml").write_text(CAMPAIGN)
     Path("empty.toml").write_text(f"format = {FORMAT}\n")
-    return lambda: CliRunner().invoke(app, ["nightly", "campaign.toml", "--baseline", "empty.toml", "--out", "out"])
+    return partial(invoke, "nightly", "campaign.toml", "--baseline", "empty.toml", "--out", "out")
 
 
 def rows():
@@ -51,8 +51,7 @@ def rows():
 
 
 def test_draws_are_in_the_history_with_their_seed(night):
-    ended = night()
-    assert ended.exit_code == NOT_COMPARED, ended.output  # what is drawn is right by itself, and no run was compared
+    night(exit_code=NOT_COMPARED)  # what is drawn is right by itself, and no run was compared
     name, drawn = rows()
     report = next(Path("out").glob("*/report.md")).read_text()
     for row, draw, looks in zip(drawn, draws_of_night(name, {"slider-bars": 2, "mechanisms": 1}), (1, 3), strict=True):
@@ -77,8 +76,7 @@ def test_what_is_silently_wrong_is_a_regression_with_the_command_that_repeats_it
         return found if module is resting_mechanisms else (found,)
 
     monkeypatch.setattr(module, "judge", wrong)
-    ended = night()
-    assert ended.exit_code == REGRESSED, ended.output
+    ended = night(exit_code=REGRESSED)
     what = {random_slider_bars: "slider-bars", resting_mechanisms: "mechanisms"}[module]
     [row] = [row for row in rows()[1] if row.settings["what"] == what]
     assert row.status == WRONG and "event 3: truth stick, run slip; this scene" in ended.output
@@ -87,8 +85,7 @@ def test_what_is_silently_wrong_is_a_regression_with_the_command_that_repeats_it
 
 def test_the_budget_holds_for_the_draws_too(night):
     Path("campaign.toml").write_text(CAMPAIGN + "[budget]\ntotal = 1e-6\n")
-    ended = night()
-    assert ended.exit_code == COULD_NOT_RUN_CODE, ended.output
+    night(exit_code=COULD_NOT_RUN_CODE)
     report = next(Path("out").glob("*/report.md")).read_text()
     assert {row.status for row in rows()[1]} == {NOT_RUN}
     assert "2 slider-bars without a result" in report and "1 mechanisms without a result" in report

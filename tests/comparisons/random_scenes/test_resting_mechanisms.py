@@ -13,7 +13,7 @@ from stiction.comparisons.random_scenes.resting_mechanisms import (AGREES, FAMIL
                                                                    runs)
 from stiction.scenes import Breakdown, load_scene, scene_from_dict
 
-SEED = 3
+SEED = 8
 SLIDER = {"type": "translational", "slider": "block", "length": 0.4, "width": 0.1, "mu": 0.3, "mus": 0.4}
 
 

@@ -33,6 +33,15 @@ def material():
     return {name: table.copy() for name, table in first_order().items()}
 
 
+def cost_of_case_1():
+    """What is said of a time, and its table, is of the first case."""
+    return material()["cost"].query(f"scene == {CASES[0]!r}")
+
+
+def with_equal_error(cost, times=None):
+    return {"cost": cost, "equal-error": equal_error(cost, times_of(cost) if times is None else times)}
+
+
 @cache
 def first_order():
     """Errors of first order, times as their inverse; the slow engine stays above 1 mm, one is not installed."""
@@ -52,8 +61,7 @@ def first_order():
                             "compile [s]": 0.02, "repeats": 5, "position error [m]": size,
                             TIMING: "unsure" if step == 1e-2 and variant == "pymunk" else ""}
                 rows.append(row)
-    cost = pd.DataFrame(rows)
-    return {"cost": cost, "equal-error": equal_error(cost, times_of(cost))}
+    return with_equal_error(pd.DataFrame(rows))
 
 
 def times_of(cost):
@@ -113,11 +121,11 @@ def test_methods_that_may_be_compared_share_a_panel_and_what_the_adapter_does_is
 @pytest.mark.parametrize("part, mark", [(0.9, ""), (1.1, "~")])
 def test_a_time_with_a_wide_interval_is_marked_where_it_stands(part, mark):
     """One round of five is slower by so much of what is wide; the load by others is said once."""
-    cost = material()["cost"]
+    cost = cost_of_case_1()
     times = times_of(cost)
     slower = 1 + part * WIDE * (times["round"] == 1)
     times = times.assign(**{name: times[name] * slower for name in ("cpu [s]", OWN_CPU)}, **{OTHERS: 0.1 * times["round"]})
-    tables = {"cost": cost, "equal-error": equal_error(cost, times), "times": times}
+    tables = with_equal_error(cost, times) | {"times": times}
     shown = said(tables)
     assert "up to 0.5 cores busy" in sentences(shown) and not wrong_numbers(shown, Results((), {}, tables))
     assert cells(shown)["reference"] == f"≤ {mark}10" and cells(shown)["pymunk"] == f"{mark}150 (75)"
@@ -126,8 +134,7 @@ def test_a_time_with_a_wide_interval_is_marked_where_it_stands(part, mark):
 
 def test_errors_below_the_uncertainty_of_the_truth_have_a_bound():
     """The reference is at 5e-6 m; of a truth that is known to 2e-5 m, its time to 1e-5 m is at least that to 1e-4 m."""
-    cost = material()["cost"].assign(**{"position uncertainty [m]": 2e-5})
-    first, *_ = said({"cost": cost, "equal-error": equal_error(cost, times_of(cost))}).tables
+    first, *_ = said(with_equal_error(cost_of_case_1().assign(**{"position uncertainty [m]": 2e-5}))).tables
     cells = {row[0]: row[1:] for row in first.cells(brief=True)}
     assert cells["reference"] == ["≤ 10", "≤ 10", "≤ 10", "≥ 10", "≥ 10"]
     assert cells["pymunk"][1:3] == ["150 (75)", "–"]
@@ -139,8 +146,7 @@ def test_a_limit_turns_with_one_case():
     assert set(limits["limit"]) == {INTEGRATION} and limits["order"].tolist() == pytest.approx([1.0] * 6)
     level = tables["cost"]["variant"].eq("pymunk") & tables["cost"]["scene"].eq(CASES[2])
     tables["cost"].loc[level, "position error [m]"] = 1e-2
-    tables["equal-error"] = equal_error(tables["cost"], times_of(tables["cost"]))
-    shown = said(tables)
+    shown = said(with_equal_error(tables["cost"]))
     limits = {table.name: table for table in shown.tables}["cost-limits"].frame.set_index("variant")
     assert limits["limit"]["pymunk"] == UNKNOWN
     assert "5 of 6 methods" in sentences(shown) and "pymunk (inconclusive)" in sentences(shown)
@@ -148,10 +154,10 @@ def test_a_limit_turns_with_one_case():
 
 def test_bounds_stay_bounds_when_they_are_rounded():
     """The reference is exact in 1.06 of its 10 ms, and the slow engine's finest run takes 0.96 of its 500 ms."""
-    cost = material()["cost"]
+    cost = cost_of_case_1()
     for variant, factor in (("reference", 1.06), ("slow", 0.998)):
         cost.loc[cost["variant"] == variant, ["cpu [s]", OWN_CPU]] *= factor
-    tables = {"cost": cost, "equal-error": equal_error(cost, times_of(cost))}
+    tables = with_equal_error(cost)
     shown = said(tables)
     assert cells(shown)["reference"] == "≤ 11" and cells(shown)["slow"] == "> 490"
     assert dict((row[0], row[1]) for row in shown.tables[0].cells(brief=True))["reference"] == "≤ 11"
@@ -169,7 +175,7 @@ def test_an_error_that_falls_over_all_cases_and_rises_in_one_is_named():
     cost = material()["cost"]
     last = cost["variant"].eq("PyBullet") & cost["scene"].eq(CASES[2]) & cost["step"].eq(STEPS[-1])
     cost.loc[last, "position error [m]"] = 4e-3  # 15, 3.8 and 1.5 mm before
-    shown = said({"cost": cost, "equal-error": equal_error(cost, times_of(cost))})
+    shown = said(with_equal_error(cost))
     assert "rises: PyBullet in case 3." in sentences(shown) and "rises" not in sentences(said(material()))
 
 

@@ -6,10 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import here, installed
-from typer.testing import CliRunner
+from conftest import here, installed, invoke
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.hard import hard_cases
@@ -245,14 +243,13 @@ def test_command(tmp_path, in_this_process, monkeypatch):
     monkeypatch.setattr(engine_settings, "load_study", lambda: few)
     file = tmp_path / "settings.csv"
     command = ["compare", "settings", "slider-bar-case-1", "--engines"]
-    ended = CliRunner().invoke(app, [*command, "pymunk", "--t-end", "0.1", "--repeats", "1", "--out", str(file)])
-    assert ended.exit_code == 0, ended.output
+    ended = invoke(*command, "pymunk", "--t-end", "0.1", "--repeats", "1", "--out", file)
     rows = pd.read_csv(file)
     assert set(rows["fidelity"]) == {"joint", "contact"} and (rows["status"] == "ok").all()
     assert "iterations=20" in set(rows[SETTING])
     assert "The defaults are on the front" in ended.output
-    ended = CliRunner().invoke(app, [*command, "reference"])
-    assert ended.exit_code == BAD_INPUT and "which the study has settings of" in ended.output
+    ended = invoke(*command, "reference", exit_code=BAD_INPUT)
+    assert "which the study has settings of" in ended.output
 
 
 MILLISECONDS, UNSTABLE = "load above static friction for 2 ms", "Baumgarte unstable for the step"

@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import here, installed
+from conftest import here, installed, invoke
 from made_up_runs import sentences, wrong_numbers
 from scipy.optimize import brentq
-from typer.testing import CliRunner
 
-from stiction.cli.app import app
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.presentation.cells import AGAIN
@@ -339,8 +337,7 @@ def test_the_time_of_a_setting_is_the_median_of_repeats(monkeypatch, compiled):
 def test_a_row_has_the_command_that_runs_it_again(quick, in_this_process):
     rows = quick.tables["hold"].to_dict("records")
     for row in (rows[0], rows[-1]):
-        ended = CliRunner().invoke(app, shlex.split(row[AGAIN])[1:])
-        assert ended.exit_code == 0, ended.output
+        invoke(*shlex.split(row[AGAIN])[1:])
     assert "--set part=0.9" in rows[0][AGAIN]
 
 
@@ -351,11 +348,9 @@ def test_a_scene_without_the_parameters_is_refused():
 
 def test_command(tmp_path, in_this_process):
     file = tmp_path / "hold.csv"
-    ended = CliRunner().invoke(app, ["compare", "hold", "hold-incline", "--quick", "--engines", "reference", "--out", str(file)])
-    assert ended.exit_code == 0, ended.output
+    ended = invoke("compare", "hold", "hold-incline", "--quick", "--engines", "reference", "--out", file)
     assert set(pd.read_csv(file)["scene"]) == {"hold-incline"} and "of our own hold" in ended.output
-    ended = CliRunner().invoke(app, ["compare", "hold", "pendulum", "--quick"])
-    assert ended.exit_code == BAD_INPUT
+    invoke("compare", "hold", "pendulum", "--quick", exit_code=BAD_INPUT)
 
 
 @pytest.mark.parametrize("wrong", [{"form": "soft_norm", "exponent": -1.0}, {}, {"exponent": -1.0, "last": 1.0}])

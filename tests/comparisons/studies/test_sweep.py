@@ -8,13 +8,11 @@ from contextlib import closing
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import called_here
+from conftest import called_here, content, invoke
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from stiction.cli.app import app
-from stiction.cli.exit_codes import BAD_INPUT, FINE
+from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.campaigns.checkpoint import kept_file
 from stiction.comparisons.campaigns.executors import open_isolate
 from stiction.comparisons.measures.settling import NotSettled
@@ -65,10 +63,6 @@ def swept_here(folder, *axes, **about):
 def here(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sweep") / "grid"
     return sweep(GRID, folder, made_by=Here()), folder
-
-
-def content(folder):
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_same_bytes_for_any_number_of_workers(here, tmp_path):
@@ -308,22 +302,20 @@ def test_a_slider_that_goes_away_has_no_steady_state(shaken, tmp_path):
     assert all("points without a number: 2 no steady state, white" in drawing.caption for drawing in drawings)
 
 
-def invoke(*arguments, exit_code=FINE):
-    result = CliRunner().invoke(app, ["sweep", "slider-bar-case-1", *arguments])
-    assert result.exit_code == exit_code, result.output
-    return result.output
+def sweep_command(*arguments, **options):
+    return invoke("sweep", "slider-bar-case-1", *arguments, **options).output
 
 
 def test_command(tmp_path):
     folder = tmp_path / "out"
     arguments = ["--vary", "F0=2:4:2", "--vary", "motor.rate=pi/4,pi/2", "--measure", "stick-fraction,event-count",
                  "--t-end", "120", "--workers", "1", "--out", str(folder)]
-    assert "stick-fraction [-]" in invoke(*arguments)
+    assert "stick-fraction [-]" in sweep_command(*arguments)
     assert {"map.parquet", "map.csv", "map-stick-fraction.png", "map-stick-fraction.pdf", "map-event-count.png",
             "sweep.json"} <= {path.name for path in folder.iterdir()}
     assert len(pd.read_parquet(folder / "map.parquet")) == 4
     assert json.loads((folder / "sweep.json").read_text())["settings"]["settle"] == 40.0
-    assert "settings.t_end" in invoke(*arguments, "--t-end", "121", exit_code=BAD_INPUT)
+    assert "settings.t_end" in sweep_command(*arguments, "--t-end", "121", exit_code=BAD_INPUT)
 
 
 @pytest.mark.parametrize("arguments, words", [
@@ -334,7 +326,7 @@ def test_command(tmp_path):
     ("F0=1,2 --vary F0=3,4", "each key once")])
 def test_bad_command_lines(arguments, words, tmp_path):
     folder = tmp_path / "out"
-    printed = invoke("--vary", *arguments.split(), "--measure", "stick-fraction", "--out", str(folder),
+    printed = sweep_command("--vary", *arguments.split(), "--measure", "stick-fraction", "--out", str(folder),
                      exit_code=BAD_INPUT)
     assert words in printed and not folder.exists()
 

@@ -9,10 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from report_material import CASE, hard_table, unsaved_figures, validation_of
-from typer.testing import CliRunner
+from conftest import invoke
+from report_material import CASE, hard_table, save_one, unsaved_figures, validation_of
 
-from stiction.cli.app import app
 from stiction.comparisons.presentation.cells import AGAIN
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.equal_error import equal_error
@@ -44,7 +43,10 @@ def run(whole, tmp_path_factory) -> StoredRun:
 
 @pytest.fixture(scope="module")
 def paper(run, tmp_path_factory):
-    return write_paper(run, tmp_path_factory.mktemp("paper") / "double").parent
+    """With one figure for all: they take most of the time, and `report_folder` has each of them saved."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(folder, "save_all", save_one)
+        return write_paper(run, tmp_path_factory.mktemp("paper") / "double").parent
 
 
 def test_what_is_read_is_what_was_written(run, whole):
@@ -162,17 +164,15 @@ def test_latex_compiles_without_overfull_lines_and_with_all_references(paper, tm
 
 
 def test_commands(run, tmp_path, monkeypatch):
-    runner = CliRunner()
-    ended = runner.invoke(app, ["trace", str(run.folder), "A1"])
-    assert ended.exit_code == 0
+    ended = invoke("trace", run.folder, "A1")
     assert "data/accuracy.csv, row 1" in ended.output and "setting rtol" in ended.output and "0.1.0" in ended.output
     for arguments, message in ((["trace", str(run.folder), "Z1"], "found 'Z1'"), (["trace", str(tmp_path), "A1"], "expected a run folder"),
                                (["paper", str(run.folder), "--out", str(tmp_path), "--width", "triple"], "--width: found 'triple'"),
                                (["paper", str(run.folder), "--out", str(run.folder / "report.md")], "found a file"),
                                (["page", str(run.folder), "--out", str(tmp_path / "page.pdf")], "ends in .html"),
                                (["page", str(run.folder / "report.md"), "--out", str(tmp_path / "x.html")], "expected a history")):
-        ended = runner.invoke(app, arguments)
-        assert ended.exit_code == 2 and message in ended.stderr, ended.output
+        ended = invoke(*arguments, exit_code=2)
+        assert message in ended.stderr, ended.output
     assert not list(tmp_path.iterdir())
 
 

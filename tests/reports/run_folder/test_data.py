@@ -8,10 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 import tomli_w
+from conftest import invoke
 from report_material import CASE, record
-from typer.testing import CliRunner
 
-from stiction.cli.app import app
 from stiction.comparisons.campaigns.participants import participants, variant
 from stiction.comparisons.methods import stored_keys
 from stiction.comparisons.presentation.cells import AGAIN, TRAJECTORY
@@ -84,8 +83,7 @@ def test_the_command_makes_the_same_run(label, rung, tmp_path, monkeypatch, in_t
     command = shlex.split(again(Record(made.label, CASE, chosen, rung, Outcome(made.label, "ok", run))))
     assert command[:2] == ["stiction", "run"]
     monkeypatch.chdir(tmp_path)
-    ended = CliRunner().invoke(app, [*command[1:], "--out", "again.parquet", "--events"])
-    assert ended.exit_code == 0, ended.output
+    invoke(*command[1:], "--out", "again.parquet", "--events")
     pd.testing.assert_frame_equal(pd.read_parquet("again.parquet"), run.to_frame(events=True), check_exact=True)
 
 

@@ -93,14 +93,19 @@ def called_here(tasks, *, on_result=None, **_):
 
 
 @contextmanager
-def here():
-    """Tasks are called in this process instead of in children, each of which takes a second to start: for what is not about isolation."""
+def isolated_by(function):
+    """Tasks are made by this function."""
     with pytest.MonkeyPatch.context() as patch:
         for module in ("stiction.engines", "stiction.comparisons.campaigns.nightly", "stiction.comparisons.campaigns.comparison",
                        "stiction.comparisons.campaigns.executors", "stiction.comparisons.complementarity.replay",
                        "stiction.comparisons.conformance"):
-            patch.setattr(f"{module}.isolate", called_here)
+            patch.setattr(f"{module}.isolate", function)
         yield
+
+
+def here():
+    """Tasks are called in this process instead of in children, each of which takes a second to start: for what is not about isolation."""
+    return isolated_by(called_here)
 
 
 @pytest.fixture

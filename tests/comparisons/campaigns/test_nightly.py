@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from conftest import here, invoke
+from conftest import here, invoke, isolated_by
 
 from stiction.cli.exit_codes import BAD_INPUT, COULD_NOT_RUN, FINE, NOT_COMPARED, REGRESSED
 from stiction.comparisons.campaigns.baseline import load_baseline
@@ -21,6 +21,7 @@ from stiction.comparisons.campaigns.regression import IN_TURNS
 from stiction.comparisons.timing import older_code
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL, ControlRefused, times_in_turns
 from stiction.comparisons.truth import PROVEN
+from stiction.engines.isolation import isolate
 from stiction.engines.registry import BUILT_IN
 from stiction.engines.shared.friction_bound import FrictionBound
 from stiction.scenes import vary
@@ -216,13 +217,14 @@ class TestBrokenNight:
 
 
 def test_a_crash_where_the_baseline_has_none_is_a_regression(folder, small_baseline):
-    """In a child, as it must be."""
-    ended = invoke("check", "small.toml", "--baseline", small_baseline, "--engine", "damaged_solvers:Crashing",
-                   exit_code=REGRESSED)
+    """It is made in a child."""
+    with isolated_by(isolate):
+        ended = invoke("check", "small.toml", "--baseline", small_baseline, "--engine", "damaged_solvers:Crashing",
+                       exit_code=REGRESSED)
     assert "exit code 7" in ended.output, ended.output
 
 
-def test_budget_of_the_campaign_leaves_rows_that_say_so(folder, in_this_process):
+def test_budget_of_the_campaign_leaves_rows_that_say_so(folder):
     longer = SMALL.replace("rtol = [1e-9]", "rtol = [1e-6, 1e-9]")
     (folder / "long.toml").write_text(longer + "[budget]\ntotal = 1e-9\n")
     invoke("nightly", "long.toml", "--baseline", "empty.toml", exit_code=COULD_NOT_RUN)

@@ -84,8 +84,8 @@ def present(results: Results) -> Presentation:
     failed = [traced("{} ({} of {})", called(method.variant), _count(table, method.failed), _count(table, method.rows))
               for method in found.values() if len(method.failed)]
     over_step = step_chart("accuracy", "Largest position error over the step. A row of panels holds methods that may "
-                           "be compared; dotted: the slope of first order. Runs by tolerance have no step; the table "
-                           "has them.", table, list(found), POSITION, "position error [m]")
+                           "be compared; dotted: the slope of first order. The table also has runs by "
+                           "tolerance.", table, list(found), POSITION, "position error [m]")
     return Presentation(
         answer or TracedText(f"No method succeeded{where}."),
         [sentence("Runs that failed or were declined, so that the method is not ranked: {}.", listed(failed))],
@@ -262,15 +262,17 @@ def _differences(results: Results, table: pd.DataFrame) -> Iterator[Chart]:
     """The difference from the truth over time: of positions, and of the driving torque."""
     chosen = drawn_runs(results)
     truths = {key: results.truths.get(name) for key, name in zip(table["key"], table["truth"])}
-    for quantity, endings, unit in (("position", (".x", ".y"), "m"), ("torque", (".effort",), "N m")):
+    for quantity, endings, unit, jump in (
+            ("position", (".x", ".y"), "m", ""),
+            ("torque", (".effort",), "N m", " A method that does not locate an event differs there by the jump.")):
         def series(here: pd.DataFrame, endings: tuple[str, ...] = endings) -> list[Series]:
             keys = set(here["key"])
             return list(_difference_series([run for run in chosen if run.key in keys], truths, endings))
 
         yield chart_by_case(
             f"difference-{quantity}", f"Difference of each method's {quantity} from the truth over time, at the step "
-            f"nearest to 1 ms or the tightest tolerance; the largest in each of {PIECES} parts of the time. A method "
-            "that does not locate an event differs there by the jump.", table, Axis("time [s]"),
+            f"nearest to 1 ms or the tightest tolerance; the largest in each of {PIECES} parts of the time."
+            + jump, table, Axis("time [s]"),
             f"{quantity} difference [{unit}]", series)
 
 

@@ -59,8 +59,8 @@ def time_runs(runs: Iterable[tuple[Task, Outcome, bool]], rounds: int, isolated:
     """Time the runs of `affordable`, by `computation`: one at a time, in turns, and the others once.
 
     A run that is lost in the first round has no other. What is timed once follows on all processors, which moves a time
-    by some percent (`rounds.doubt`). Options are those of `stiction.comparisons.campaigns.comparison.make`; a visit may
-    take as long as a run.
+    by some percent (`rounds.doubt`). Then disturbed visits are repeated, one at a time. Options are those of
+    `stiction.comparisons.campaigns.comparison.make`; a visit may take as long as a run.
     """
     tasks: dict[str, Task] = {}
     made: dict[str, Trajectory] = {}
@@ -87,12 +87,12 @@ def time_runs(runs: Iterable[tuple[Task, Outcome, bool]], rounds: int, isolated:
     turns = [list(reversed(samples)), list(samples)] * rounds
     for key, sample in visits([key for turn in turns[:rounds - 1] for key in turn]):
         samples[key].append(sample)
+    once = [key for key in tasks if key not in in_all]
+    samples |= {key: [sample] for key, sample in visits(once, workers)} if once else {}
     for _ in range(TRIES):
         disturbed = is_disturbed(samples)
         for key, sample in visits(list(disturbed)) if disturbed else ():
             samples[key][disturbed[key][0]] = sample
-    once = [key for key in tasks if key not in in_all]
-    samples |= {key: [sample] for key, sample in visits(once, workers)} if once else {}
     return {key: Timing(run, tuple(samples.get(key, ())), failures.get(key, "")) for key, run in made.items()}
 
 

@@ -41,7 +41,7 @@ SETTLE_PERIODS, WINDOW_PERIODS = 4, 1
 """Periods before the window of a sampled motion, and its length."""
 FIRST_SETTLING, MOST_SETTLING = 30, 960
 """Periods that a motion with located events is given at first, and after which it counts as not settled."""
-FIRST_STEP, FIRST_PART = 8, 0.02
+FIRST_STEP, FIRST_PART = 8, 0.1
 """Length of the first step of a search: in brackets where it begins near the threshold, else as a part of the amplitude
 that it begins at."""
 LOCATED_WIDTH = 1e-9

@@ -6,6 +6,7 @@ import keyword
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from importlib import resources
 from itertools import chain
 from pathlib import Path
@@ -39,7 +40,9 @@ def catalogue(folder: str = "") -> list[str]:
     return [name for name in _catalogue_files() if name.rpartition("/")[0] == folder]
 
 
+@cache
 def _catalogue_files() -> dict[str, Path]:
+    """Files by name, listed once: a table asks for each of its rows."""
     folder = Path(str(resources.files("stiction.scenes") / "catalogue"))
     return {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.toml"))}
 

@@ -42,7 +42,7 @@ class Extent(Model):
     bracket: Positive
     """N; width of a stick threshold's bracket."""
     repeats: Annotated[int, Field(ge=1)]
-    """Rounds in which runs are timed, at least; see `stiction.comparisons.timing.rounds`."""
+    """Rounds in which runs are timed, at least; see `stiction.comparisons.timing.visits`."""
     ladder: Positive
     """CPU seconds that all rounds of one series of a work-precision diagram may take on one scene. Finer steps are
     timed once."""

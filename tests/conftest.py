@@ -23,8 +23,8 @@ from stiction.comparisons.campaigns.participants import extent, variant
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.measures import scene_truth
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.drift_suppression import suppression_variants
 from stiction.comparisons.studies.effects import toggles
+from stiction.comparisons.studies.stabilization_choices import suppression_variants
 from stiction.comparisons.studies.study import studies
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import Record, Variant

@@ -16,7 +16,7 @@ from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.stabilization_drift import NONE, PAPERS, STEPS, LongRun, drift_study
+from stiction.comparisons.studies.long_runs import NONE, PAPERS, STEPS, LongRun, drift_study
 from stiction.comparisons.variants import Record, Variant, run_key
 from stiction.engines.isolation import Outcome
 from stiction.reports.figures.style import Drawing, save_all

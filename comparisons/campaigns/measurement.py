@@ -21,7 +21,7 @@ from stiction.comparisons.measures.accuracy import TORQUE_ERROR, errors, size_of
 from stiction.comparisons.measures.drift import DECAY_ERROR, ROUNDING, decay_error, drift
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.timing.calibration import TIME, relative_time
-from stiction.comparisons.timing.rounds import bare_run
+from stiction.comparisons.timing.visits import bare_run
 from stiction.comparisons.truth import CLOSED_FORM, NO_TRUTH, Truth
 from stiction.comparisons.variants import Variant, has_static_coefficient, job, physics_of, run_key
 from stiction.engines import Outcome, Task, load_engine

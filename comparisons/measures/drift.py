@@ -26,7 +26,7 @@ def drift(trajectory: Trajectory | None) -> dict[str, Any]:
 
     Residuals are recomputed from the states by the same constraint equations for every engine; the engine's own
     formulation may satisfy others better. At contact fidelity they contain the penetration and clearance of contacts.
-    Growth over so short a run is often inconclusive; `stiction.comparisons.studies.stabilization_drift` has longer
+    Growth over so short a run is often inconclusive; `stiction.comparisons.studies.long_runs` has longer
     ones.
     """
     row: dict[str, Any] = {"truth tier": "closed form"}

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, Metric, Row
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.random_scenes import random_slider_bars, resting_mechanisms
-from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes
+from stiction.comparisons.random_scenes.random_study import RandomScenes
 from stiction.comparisons.truth import HIGH_PRECISION
 from stiction.engines.isolation import Task
 from stiction.engines.registry import load_engine

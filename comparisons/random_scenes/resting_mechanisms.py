@@ -15,9 +15,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome, event_differences
 from stiction.comparisons.random_scenes.one_freedom import (LONGEST_STEP, TOLERANCE, Motion, NoClearMotion, OneFreedom,
                                                             simulate)
+from stiction.comparisons.random_scenes.random_study import RandomScenes, SceneOutcome, event_differences
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_from_dict
 from stiction.scenes.columns import BODY_COLUMNS

@@ -1,6 +1,6 @@
 """Constraint drift of all methods: how far their motions are from the constraints, and whether that grows.
 
-Stabilization against drift over long runs is the question of `stiction.comparisons.studies.stabilization_drift`.
+Stabilization against drift over long runs is the question of `stiction.comparisons.studies.long_runs`.
 """
 
 from __future__ import annotations

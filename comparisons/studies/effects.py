@@ -27,7 +27,7 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import TOTAL, Timed, TimedRun, cost_of, timed_comparison
 from stiction.comparisons.timing.intervals import ratio_interval
-from stiction.comparisons.timing.rounds import Timing
+from stiction.comparisons.timing.visits import Timing
 from stiction.comparisons.variants import Record, Variant, scaled
 from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
 from stiction.scenes import Scene, Trajectory, vary

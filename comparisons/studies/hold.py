@@ -37,7 +37,7 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT, Subject
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.timing.intervals import ratio_interval
-from stiction.comparisons.timing.rounds import visit
+from stiction.comparisons.timing.visits import visit
 from stiction.comparisons.truth import NO_TRUTH
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import (FRICTION_BY, OWN_CPU, UNMADE, Record, Variant, has_static_coefficient,

@@ -26,8 +26,7 @@ from stiction.comparisons.measures.drift_growth import INCONCLUSIVE, ROUNDED
 from stiction.comparisons.measures.steady_stretch import Stretch, run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.presentation import Column, Presentation, TracedText, count, listed, traced, view
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.stabilization_drift import (LENGTHS, NONE, PAPERS, Law, decisive_runs,
-                                                              drift_study_comparison)
+from stiction.comparisons.studies.long_runs import LENGTHS, NONE, PAPERS, Law, decisive_runs, drift_study_comparison
 from stiction.comparisons.studies.stick_threshold import STUDY as THRESHOLD_STUDY
 from stiction.comparisons.studies.stick_threshold import TRUTH
 from stiction.comparisons.studies.study import Scope, Study, Tables

@@ -19,8 +19,8 @@ from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.scene_truth import truths_for
 from stiction.comparisons.methods import succeeded
 from stiction.comparisons.studies.study import Tables
-from stiction.comparisons.timing.rounds import Timing
 from stiction.comparisons.timing.timed_runs import samples_table
+from stiction.comparisons.timing.visits import Timing
 from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of
 from stiction.engines.isolation import Outcome, simulation
 from stiction.scenes import Scene

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 from stiction.comparisons.timing.calibration_kernel import calibration_kernel
-from stiction.comparisons.timing.rounds import block, in_rounds, seconds_of
+from stiction.comparisons.timing.visits import block, in_rounds, seconds_of
 
 TIME = "least cpu per kernel [-]"
 """Name of the quantity: CPU time of one simulation over that of one call of the kernel.

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from stiction.comparisons.campaigns.measurement import PlannedRun
-from stiction.comparisons.timing.rounds import in_rounds
+from stiction.comparisons.timing.visits import in_rounds
 from stiction.comparisons.variants import Variant, has_static_coefficient, job, physics_of
 from stiction.scenes import InputError, scene_to_toml
 
@@ -68,7 +68,7 @@ def times_in_turns(runs: Sequence[PlannedRun], before: Path,
                    limit_s: float = 240.0) -> dict[str, dict[str, float] | str]:
     """Return CPU times now over those before, by key of the run: `TOTAL`, and `STEPPING` where both codes state it.
 
-    They are timed in rounds as of `stiction.comparisons.timing.rounds`. Where there are none the value is the reason.
+    They are timed in rounds as of `stiction.comparisons.timing.visits`. Where there are none the value is the reason.
     An engine that stands for another is timed against that one. In either code a run may take `limit_s`, the first one
     `COMPILING` longer. Raises `ControlRefused` if `before` is no checkout of the suite, or the process died.
     """

@@ -11,7 +11,7 @@ import pandas as pd
 
 from stiction.comparisons.digest import digest, scene_digest
 from stiction.comparisons.timing.intervals import median_interval
-from stiction.comparisons.timing.rounds import TRIES, Timing, VisitTimes, is_disturbed, load, others, visit
+from stiction.comparisons.timing.visits import TRIES, Timing, VisitTimes, disturbed_visits, load, others, visit
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines.isolation import Isolate, Outcome, Task, is_simulation
 from stiction.scenes import Trajectory, vary
@@ -90,7 +90,7 @@ def time_runs(runs: Iterable[tuple[Task, Outcome, bool]], rounds: int, isolated:
     once = [key for key in tasks if key not in in_all]
     samples |= {key: [sample] for key, sample in visits(once, workers)} if once else {}
     for _ in range(TRIES):
-        disturbed = is_disturbed(samples)
+        disturbed = disturbed_visits(samples)
         for key, sample in visits(list(disturbed)) if disturbed else ():
             samples[key][disturbed[key][0]] = sample
     return {key: Timing(run, tuple(samples.get(key, ())), failures.get(key, "")) for key, run in made.items()}

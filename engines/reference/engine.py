@@ -95,7 +95,7 @@ class ReferenceEngine(Engine):
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         from stiction.engines.shared.fixed_step import step_of, steps_between_outputs
         from stiction.reference_impl.compiled.kernel import clock, compiling_seconds
-        from stiction.reference_impl.friction.solvers import SOLVERS
+        from stiction.reference_impl.friction.solver_names import SOLVERS
         from stiction.reference_impl.integration.event_driven import simulate_event_driven
         from stiction.reference_impl.integration.paper_scheme import simulate_as_paper
         from stiction.reference_impl.multibody.initial_state import consistent_starts
@@ -164,7 +164,7 @@ def _method(dt: float | None, rtol: float | None) -> str:
 
 
 def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) -> dict[str, Any]:
-    from stiction.reference_impl.friction.solvers import SOLVERS
+    from stiction.reference_impl.friction.solver_names import SOLVERS
 
     chosen = {**SETTINGS, "method": _method(dt, rtol), **given}
     for key, words in (("method", METHODS), ("solver", SOLVERS), ("audit", AUDITS), ("stabilization", STABILIZATIONS)):

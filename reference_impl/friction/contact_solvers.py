@@ -17,7 +17,7 @@ from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.coulomb import coefficient, corner_forces
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.outcomes import MODE_LIMIT, NONE, SIGN_CYCLE, SOLVED
-from stiction.reference_impl.friction.solvers import AUTOMATIC, ENUMERATION, LEMKE, TRIAL
+from stiction.reference_impl.friction.solver_names import AUTOMATIC, ENUMERATION, LEMKE, TRIAL
 from stiction.reference_impl.friction.trial_and_error import trial_and_error
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.multibody.dynamics import row_acceleration

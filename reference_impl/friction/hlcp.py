@@ -28,7 +28,7 @@ from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions, solve_mode
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import NONE, RAY, SINGULAR, SOLVED
-from stiction.reference_impl.friction.solvers import LEMKE
+from stiction.reference_impl.friction.solver_names import LEMKE
 from stiction.reference_impl.multibody.dynamics import largest_force, row_acceleration
 from stiction.reference_impl.multibody.mechanism import ANGLE, REVOLUTE, Arrays, Workspace
 

@@ -20,7 +20,7 @@ from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.outcomes import (AUDIT, CRAWL, DONE, NOT_FINITE, REPEAT, ROOM, SEVERAL,
                                                        STEP_LIMIT, STEP_TOO_SMALL)
-from stiction.reference_impl.friction.solvers import AUTOMATIC, named
+from stiction.reference_impl.friction.solver_names import AUTOMATIC, named
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.dop853 import (A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at,
                                                         dense_coefficients, error_norm)
@@ -323,7 +323,7 @@ class Options:
     step_limit: int = 10_000_000
     """Accepted steps after which the run is given up."""
     solver: int = AUTOMATIC
-    """One of `solvers.SOLVERS`."""
+    """One of `solver_names.SOLVERS`."""
     sides: bool = True
     """Whether events keep the values of the columns before and after them: of all, a kilobyte or more each."""
     audits: int = 1

@@ -33,7 +33,7 @@ from stiction.reference_impl.compiled.loops import copy, is_finite, product
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS, DONE, NOT_FINITE, SINGULAR, SOLVED
-from stiction.reference_impl.friction.solvers import named
+from stiction.reference_impl.friction.solver_names import named
 from stiction.reference_impl.integration.result import Run, Samples
 from stiction.reference_impl.integration.step_audit import GOLDEN
 from stiction.reference_impl.multibody.dynamics import row_form

@@ -18,7 +18,7 @@ from stiction.reference_impl.friction.contact_solvers import solve_contact
 from stiction.reference_impl.friction.frozen_mode import solve_mode
 from stiction.reference_impl.friction.mode_choice import HOLDS, LEAVES, choose_mode
 from stiction.reference_impl.friction.outcomes import CHATTER, DONE, NOT_FINITE, SOLVED
-from stiction.reference_impl.friction.solvers import AUTOMATIC, named
+from stiction.reference_impl.friction.solver_names import AUTOMATIC, named
 from stiction.reference_impl.integration.result import (REVERSAL, SLIP, STICK, EventLog, Run, Samples, breakdown_of,
                                                         columns_and_events)
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
@@ -221,8 +221,8 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
     """March a mechanism from t = 0 as the paper does.
 
     `q` and `v` (3 * bodies,): the state there, on the constraints. `dt`: the step (s); of `steps` every `every`-th
-    instant is kept. `solver`: one of `solvers.SOLVERS`. `sides`: whether events carry the values before and after them,
-    which takes two evaluations each, beyond those that are counted.
+    instant is kept. `solver`: one of `solver_names.SOLVERS`. `sides`: whether events carry the values before and after
+    them, which takes two evaluations each, beyond those that are counted.
 
     The values of an event are those at its instant with the modes before and after it: a guide that breaks away is late
     by up to one step, so that before it has the acceleration, O(dt), with which it leaves the stick set. `breakdown`

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.friction.solvers import AUTOMATIC
+from stiction.reference_impl.friction.solver_names import AUTOMATIC
 from stiction.reference_impl.multibody.mechanism import (ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE,
                                                          REVOLUTE, Arrays, Workspace)
 

@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
 from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, IntegerTable, Reals, Table
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
-from stiction.reference_impl.friction.solvers import Counters
+from stiction.reference_impl.friction.solver_names import Counters
 from stiction.reference_impl.multibody.baumgarte import PAPERS, coefficients
 from stiction.scenes import Problem, Scene, SceneError
 from stiction.scenes.fields import GROUND
@@ -117,7 +117,7 @@ class Workspace(Bundle):
     response: Table
     force: Reals  # (all,), multipliers, then the frictions on the sliders
     event: Reals  # (3 * frictional,), event functions of the contact mode, all >= 0 while it lasts
-    solver: int  # of contact problems; one of `solvers.SOLVERS`
+    solver: int  # of contact problems; one of `solver_names.SOLVERS`
     counters: Counters  # work done so far
     separate: Bundles  # those of `Arrays.separate`; bodies, their rows and the counters are shared
 

@@ -12,7 +12,7 @@ from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.campaigns import executors
 from stiction.comparisons.campaigns.executors import open_isolate
 from stiction.comparisons.studies.work_precision import work_precision
-from stiction.comparisons.timing.rounds import visit
+from stiction.comparisons.timing.visits import visit
 from stiction.comparisons.variants import Variant
 from stiction.engines.isolation import Job, Task, isolate, simulation
 from stiction.scenes import InputError, load_scene

@@ -19,8 +19,8 @@ from stiction.comparisons.environment import origin
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.random_scenes import __main__ as random_scenes
 from stiction.comparisons.random_scenes import one_freedom, random_slider_bars, resting_mechanisms
-from stiction.comparisons.random_scenes.drawn_scenes import RandomScenes, SceneOutcome
 from stiction.comparisons.random_scenes.night_draws import BATCH, STUDIES, Draw, draws_of_night, sentences_on_draws
+from stiction.comparisons.random_scenes.random_study import RandomScenes, SceneOutcome
 from stiction.engines import Outcome
 
 DRAW = Draw("slider-bars", 7, 0, 2)

@@ -15,8 +15,8 @@ from stiction.comparisons.studies.cost import STUDY, plan
 from stiction.comparisons.studies.equal_error import INTEGRATION, UNKNOWN, equal_error
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import TIMING
-from stiction.comparisons.timing.rounds import WIDE
 from stiction.comparisons.timing.timed_runs import OTHERS
+from stiction.comparisons.timing.visits import WIDE
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Record, Variant
 from stiction.engines import Outcome
 from stiction.scenes import load_scene

@@ -10,7 +10,7 @@ from made_up_runs import wrong_numbers
 
 from stiction.comparisons.presentation import ANSWER_LENGTH
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies import drift_suppression, effects
+from stiction.comparisons.studies import effects, stabilization_choices
 from stiction.comparisons.studies.effects import (BASELINE, HIGH, LEFT_OUT, LOW, MOTION, PAIRS, RATIO, REFERENCE,
                                                   effects_comparison, effects_variants, toggles)
 from stiction.comparisons.studies.study import Scope
@@ -97,7 +97,7 @@ def test_a_failed_run_is_a_row_with_its_reason(table):
 
 
 def test_drift_suppression_is_a_choice_with_a_price(in_this_process):
-    made = drift_suppression.plan(Scope((load_scene(CASE),), t_end=2.0, repeats=1)).make()
+    made = stabilization_choices.plan(Scope((load_scene(CASE),), t_end=2.0, repeats=1)).make()
     found = made.tables["suppression"].set_index(["variant", "step"])
     assert (found["status"] == "ok").all()
     assert ((found["projections [-]"] > 0) == (found["suppression"] == "projection")).all()
@@ -178,7 +178,7 @@ def test_what_cannot_be_distinguished_from_the_baseline_saves_nothing():
     assert "friction" not in said_of(effects.STUDY, "effects", table).answer.text
 
 
-@pytest.mark.parametrize("study, name", [(effects.STUDY, "effects"), (drift_suppression.STUDY, "suppression")])
+@pytest.mark.parametrize("study, name", [(effects.STUDY, "effects"), (stabilization_choices.STUDY, "suppression")])
 def test_failures_are_said_and_nothing_else(study, name):
     lost = pd.DataFrame({"variant": ["reference", "reference"], "engine": "reference", "effect": ["no load", BASELINE],
                          "status": "failed", "reason": "killed"})
@@ -201,7 +201,7 @@ def suppression_table():
         for choice, cpu, drift in (("none", 1.0, 2e-11), ("baumgarte", 20.0, 3e-12), ("projection", 1.1, 4e-15)):
             rows.append({"variant": f"way, {choice}", "suppression": choice, "parameter": parameter, "step": step,
                          "status": "ok", "reason": "", OWN_CPU: cpu * step,
-                         drift_suppression.LOW: 0.9 * cpu * step, drift_suppression.HIGH: 1.1 * cpu * step,
+                         stabilization_choices.LOW: 0.9 * cpu * step, stabilization_choices.HIGH: 1.1 * cpu * step,
                          "position drift, max [m]": drift, "velocity drift, max [m/s]": drift,
                          "position error [m]": 1e-9 / cpu, "key": f"{choice}/{step:g}"})
     return pd.DataFrame(rows)
@@ -216,7 +216,7 @@ def suppression_results(table):
 def test_stabilizations_are_compared_at_the_tightest_tolerance():
     table = suppression_table()
     results = suppression_results(table)
-    said = drift_suppression.STUDY.presented(results)
+    said = stabilization_choices.STUDY.presented(results)
     assert [number.text for number in said.answer.numbers] == ["18.2 (18.2 to 18.2)", "3e-12", "0", "5e-11", "9.1e-10"]
     assert [number for number in wrong_numbers(said, results) if number.text != "0"] == []
     time, *drifts = said.answer.numbers
@@ -224,5 +224,5 @@ def test_stabilizations_are_compared_at_the_tightest_tolerance():
                             "projection"] and {table.loc[row - 1, "step"] for row in time.rows} == {1e-9}
     assert [table.loc[number.rows[0] - 1, "suppression"] for number in drifts] == ["baumgarte", "projection"] * 2
     without = table[(table["suppression"] != "baumgarte")]
-    assert not drift_suppression.STUDY.presented(suppression_results(without.reset_index(drop=True))).answer
-    assert not said_of(drift_suppression.STUDY, "suppression", table).answer  # without samples there is no ratio
+    assert not stabilization_choices.STUDY.presented(suppression_results(without.reset_index(drop=True))).answer
+    assert not said_of(stabilization_choices.STUDY, "suppression", table).answer  # without samples there is no ratio

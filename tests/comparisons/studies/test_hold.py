@@ -21,7 +21,7 @@ from stiction.comparisons.studies.hold import (BROKEN, CREEP, HELD, HOLDS, LOAD,
                                                UNSURE, changes, laws_table, measured, methods_table, plan, present,
                                                settings_table, true_slip, verdict)
 from stiction.comparisons.studies.study import Scope, union
-from stiction.comparisons.timing.rounds import VisitTimes
+from stiction.comparisons.timing.visits import VisitTimes
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import OWN_CPU
 from stiction.engines import load_engine

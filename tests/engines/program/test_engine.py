@@ -14,7 +14,7 @@ import tomli_w
 from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
 from stiction.comparisons.campaigns.participants import variants
 from stiction.comparisons.digest import circumstances, digest
-from stiction.comparisons.timing.rounds import seconds_of
+from stiction.comparisons.timing.visits import seconds_of
 from stiction.comparisons.variants import Record
 from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Outcome, Refused, UnknownEngine,
                               load_engine, run_isolated)

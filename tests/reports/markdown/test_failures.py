@@ -7,8 +7,8 @@ import pytest
 
 from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.studies.convergence_orders import METHODS, plan
+from stiction.comparisons.studies.long_runs import drift_study_comparison
 from stiction.comparisons.studies.paper_claims import CHOICES, claims_comparison, sensitivity_comparison
-from stiction.comparisons.studies.stabilization_drift import drift_study_comparison
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.truth import StickThreshold
 from stiction.engines import Outcome

@@ -22,7 +22,7 @@ from stiction.comparisons.studies.constraint_drift import POSITION, VELOCITY, ab
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.studies.work_precision import HIGH, LOW, TimedRun, cost_of, timed_comparison
 from stiction.comparisons.timing.intervals import ratio_interval
-from stiction.comparisons.timing.rounds import Timing
+from stiction.comparisons.timing.visits import Timing
 from stiction.comparisons.variants import OWN_CPU, Record, Variant, scaled
 
 ERROR = "position error [m]"

@@ -11,9 +11,8 @@ from stiction.comparisons.campaigns.participants import validation_campaign
 from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, ROUNDED
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.stabilization_drift import (CHOICES, DRIFT_RATIO, ERROR, ERROR_RATIO, IN_SHORT, NONE,
-                                                              PAPERS, PROJECTION, STEPS, STUDY, drift_study, long_runs,
-                                                              rounding_level)
+from stiction.comparisons.studies.long_runs import (CHOICES, DRIFT_RATIO, ERROR, ERROR_RATIO, IN_SHORT, NONE, PAPERS,
+                                                    PROJECTION, STEPS, STUDY, drift_study, long_runs, rounding_level)
 from stiction.comparisons.studies.study import Scope, studies
 from stiction.engines.isolation import Outcome
 from stiction.engines.reference.engine import ReferenceEngine

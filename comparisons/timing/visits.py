@@ -6,9 +6,9 @@ compared are timed in rounds, one at a time, in turns forwards and backwards. So
 for all. A visit repeats a short run for `BLOCK` seconds, and its sample is their median. Runs beyond the budget of
 their refinement series are timed once, beside each other, and their times are unsure.
 
-The calibration kernel is timed in each visit, 2 ms in all before and after the run. It tells whether the visit
-`is_disturbed`: then `timed_runs.time_runs` repeats it after the rounds. No time is corrected by it. The load by others
-is reported.
+The calibration kernel is timed in each visit, 2 ms in all before and after the run. It tells which are
+`disturbed_visits`: `timed_runs.time_runs` repeats these after the rounds. No time is corrected by it. The load by
+others is reported.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
     return samples
 
 
-def is_disturbed(samples: Mapping[K, Sequence[VisitTimes]]) -> dict[K, list[int]]:
+def disturbed_visits(samples: Mapping[K, Sequence[VisitTimes]]) -> dict[K, list[int]]:
     """Return the numbers of the samples in whose visits the machine was slow, by key; keys without any are left out."""
     usual = median(sample.kernel_s for each in samples.values() for sample in each) if any(samples.values()) else 0.0
     found = {key: [i for i, sample in enumerate(each) if sample.kernel_s > SLOW * usual]

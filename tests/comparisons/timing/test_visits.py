@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.campaigns.comparison import Comparison, make
-from stiction.comparisons.studies import drift_suppression
+from stiction.comparisons.studies import stabilization_choices
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import LEVEL, TIMING, work_precision
-from stiction.comparisons.timing import rounds
+from stiction.comparisons.timing import visits
 from stiction.comparisons.timing.intervals import median_interval, ratio_interval
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL, _ratios
-from stiction.comparisons.timing.rounds import (BLOCK, LONG, REPEATS, SLOW, TRIES, Load, Timing, VisitTimes, bare_run,
-                                                block, in_rounds, others, visit)
 from stiction.comparisons.timing.timed_runs import affordable, time_runs
+from stiction.comparisons.timing.visits import (BLOCK, LONG, REPEATS, SLOW, TRIES, Load, Timing, VisitTimes, bare_run,
+                                                block, in_rounds, others, visit)
 from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines import load_engine
 from stiction.engines.isolation import Job, Outcome, simulation
@@ -34,7 +34,7 @@ def sample(own_s, kernel_s=1e-3):
 @pytest.mark.parametrize("seconds, counted", [(1e-9, REPEATS), (BLOCK / 9.5, 10), (LONG, 1), (2 * LONG, 1)])
 def test_a_visit_repeats_a_short_run_and_leaves_out_the_first(monkeypatch, seconds, counted):
     calls = []
-    monkeypatch.setattr(rounds, "seconds_of", lambda call: (calls.append(call()) or len(calls), seconds))
+    monkeypatch.setattr(visits, "seconds_of", lambda call: (calls.append(call()) or len(calls), seconds))
     found = block(lambda: None)
     assert len(found) == counted and found[0][0] == (1 if seconds > LONG else 2)
 
@@ -42,12 +42,12 @@ def test_a_visit_repeats_a_short_run_and_leaves_out_the_first(monkeypatch, secon
 def test_what_the_first_run_of_a_process_loads_is_no_time_of_the_run(monkeypatch):
     """The first call takes longer than `LONG` and its run is short: it is left out."""
     took = iter([5 * LONG] + [BLOCK / 9.5] * 20)
-    monkeypatch.setattr(rounds, "seconds_of", lambda call: (call(), next(took)))
+    monkeypatch.setattr(visits, "seconds_of", lambda call: (call(), next(took)))
     found = block(lambda: "run", lambda result, seconds: LONG / 10)
     assert [seconds for _, seconds in found] == [BLOCK / 9.5] * 10
 
 
-def visits(times):
+def synthetic_visits(times):
     """A round of synthetic times, by key an iterator, and the keys that were visited, round by round."""
     seen = []
 
@@ -66,7 +66,7 @@ def noise(median, spread, seed):
 
 def test_rounds_go_forwards_and_backwards_and_leave_out_what_is_lost():
     keys = ["a", "b", "lost"]
-    one_round, seen = visits({key: noise(1e-3, 1e-3, i) for i, key in enumerate(keys)})
+    one_round, seen = synthetic_visits({key: noise(1e-3, 1e-3, i) for i, key in enumerate(keys)})
     found = in_rounds(keys, lambda asked: {key: one for key, one in one_round(asked).items() if key != "lost"}, 3)
     assert {key: len(samples) for key, samples in found.items()} == {"a": 3, "b": 3, "lost": 0}
     assert seen == [keys, ["b", "a"], ["a", "b"]]
@@ -173,7 +173,7 @@ def test_what_is_timed_is_the_motion_without_its_table(compiled):
 
 def test_one_time_in_all_tables(in_this_process, monkeypatch):
     """Cost and drift suppression share a run, which is timed once. Untimed and failed runs have no time."""
-    monkeypatch.setattr(rounds, "SLOW", math.inf)  # no visit is repeated, whatever the machine does
+    monkeypatch.setattr(visits, "SLOW", math.inf)  # no visit is repeated, whatever the machine does
     scene = load_scene(CASE)
     shared = Variant("mine", "reference", "rtol", (1e-6,), settings={"stabilization": "projection"})
     broken = Variant("broken", "reference", "rtol", (1e-6,), settings={"nonsense": 1})
@@ -182,7 +182,7 @@ def test_one_time_in_all_tables(in_this_process, monkeypatch):
     counted = []
     cost, suppression, untimed = make(
         [work_precision(scene, [shared, broken], t_end=0.5, repeats=2),
-         drift_suppression.plan(Scope((scene,), t_end=0.5, repeats=1)),
+         stabilization_choices.plan(Scope((scene,), t_end=0.5, repeats=1)),
          Comparison(tuple(bare), lambda outcomes: [outcome.value.cost for outcome in outcomes])],
          on_result=counted.append)
     rows = cost.table.set_index("variant")

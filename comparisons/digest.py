@@ -1,4 +1,8 @@
-"""Digests of what is run: two things have the same one where everything is the same that their numbers depend on."""
+"""Digests of what is run: two things have the same one where everything is the same that their numbers depend on.
+
+A run is identified by parts of these, by `computation` and `call_of` of `timing.timed_runs`, and by
+`campaigns.measurement.PlannedRun` and `campaigns.checkpoint`.
+"""
 
 from __future__ import annotations
 

@@ -7,15 +7,15 @@ Read this with the paper; `hlcp` and `paper_scheme` are the same for many guides
 has what the paper has: revolute joints, sliders with corner forces on fixed or moving guides, drives, springs, loads,
 Baumgarte's stabilization.
 
-=============== ================= ================================================ ====== =========================
+=============== ================= ================================================ ====== =============================
 paper           here              what                                             unit   compiled
-=============== ================= ================================================ ====== =========================
-(1)-(2)         F_plus, F_minus   corner forces, >= 0, one of a pair is 0          N      hlcp.solve
-(3)             mubar, mus        Coulomb's law of a slipping, a sticking surface  1      coulomb.coefficient
+=============== ================= ================================================ ====== =============================
+(1)-(2)         F_plus, F_minus   corner forces, >= 0, one of a pair is 0          N      lemke.lemke
+(3)             mubar, mus        Coulomb's law of a slipping, a sticking surface  1      coulomb.friction_coefficients
 (4), (10)       H, G              normal force of each surface: FN = H F+ + G F-   1      hlcp.assemble
-(5), (13), (16) gH_plus, gH_minus of a sticking surface: gH'' = gH+ - gH-          m/s^2  hlcp.read
+(5), (13), (16) gH_plus, gH_minus of a sticking surface: gH'' = gH+ - gH-          m/s^2  hlcp.assemble
 (6), (14), (17) lH_plus, lH_minus lH+- = muH FN +- lambda_H, lH+ = 2 muH FN - lH-  1, N   hlcp.assemble
-(7), (15)       lemke             gH+, lH+ >= 0, one of them 0; gH-, lH- alike            hlcp.solve
+(7), (15)       lemke             gH+, lH+ >= 0, one of them 0; gH-, lH- alike            lemke.lemke
 (8)-(9)         W_T, w_T          sliding of surfaces (+), (-): gT' = W_T q'       1, m   kinematics.constraints_at
 (11)            mubar, V          lambda_T = mubar FN + V lambda_H; V: which stick 1      hlcp.assemble
 (12)            M2, w_T           gH'' = W_H q'' + w_H, W_H = V^T W_T                     hlcp.assemble
@@ -25,16 +25,16 @@ paper           here              what                                          
 (25), (31)      correction        Baumgarte's stabilization, alpha and beta        m/s^2  baumgarte.required
 (26)            S, K              of a guide's reaction: lCT = S F+ + K F-, K = -S 1, m   hlcp.assemble
 (27)-(28)       l_plus, l_minus   lCR, lD as differences of positive parts         N, N m hlcp.assemble
-(29)-(30)       lemke             these parts >= 0, one of each pair 0                    hlcp.solve
+(29)-(30)       lemke             these parts >= 0, one of each pair 0                    lemke.lemke
 (32), (35)      A0, A1, b         rows of the sticking surfaces                    m/s^2  hlcp.assemble
 (33)            solve             q'' of multipliers and frictions                 m/s^2  dynamics.acceleration
 (34)            A0, A1, b         rows of the constraints                          m/s^2  hlcp.assemble
 (36)            hlcp              A0 y = A1 x + b, with the rows of (17)                  hlcp.assemble
 (37)-(38)       lemke             y, x >= 0, y^T x = 0, pivot by pivot                    lemke.lemke
-=============== ================= ================================================ ====== =========================
+=============== ================= ================================================ ====== =============================
 
-The compiled files are in ``friction`` and ``multibody``; q, v are the coordinates of each body, x, y, angle (m, rad),
-and their rates.
+The compiled files are in ``friction`` and ``multibody``. `hlcp.solve` calls `lemke` and `hlcp.read` takes its result.
+q, v are the coordinates of each body, x, y, angle (m, rad), and their rates.
 
 Where the paper is silent the choices are those of `paper_scheme`.
 """

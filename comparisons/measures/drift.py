@@ -24,10 +24,10 @@ SETTLED = 16
 def drift(trajectory: Trajectory | None) -> dict[str, Any]:
     """Return size and growth of the residuals of the scene's constraints in a run; empty values where there is none.
 
-    Residuals are recomputed from the states by the same constraint equations for every engine; the engine's own
-    formulation may satisfy others better. At contact fidelity they contain the penetration and clearance of contacts.
-    Growth over so short a run is often inconclusive; `stiction.comparisons.studies.long_runs` has longer
-    ones.
+    Residuals are recomputed from the states by the same constraint equations for every engine
+    (`trajectory_columns.residual_norms`); the engine's own formulation may satisfy others better. At contact fidelity
+    they contain the penetration and clearance of contacts. Growth over so short a run is often inconclusive;
+    `stiction.comparisons.studies.long_runs` has longer ones.
     """
     row: dict[str, Any] = {"truth tier": "closed form"}
     if trajectory is None or len(trajectory.t) < 3:

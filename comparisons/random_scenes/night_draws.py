@@ -1,4 +1,7 @@
-"""Random scenes of a night: drawn afresh, judged without a baseline; runs in its history, its budget and its report."""
+"""Random scenes of a night: drawn afresh, judged without a baseline; runs in its history, its budget and its report.
+
+The scenes are drawn by `random_slider_bars.drawn` and `resting_mechanisms.drawn`.
+"""
 
 from __future__ import annotations
 

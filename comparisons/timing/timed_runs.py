@@ -59,7 +59,7 @@ def time_runs(runs: Iterable[tuple[Task, Outcome, bool]], rounds: int, isolated:
     """Time the runs of `affordable`, by `computation`: one at a time, in turns, and the others once.
 
     A run that is lost in the first round has no other. What is timed once follows on all processors, which moves a time
-    by some percent (`rounds.doubt`). Then disturbed visits are repeated, one at a time. Options are those of
+    by some percent (`visits.doubt`). Then disturbed visits are repeated, one at a time. Options are those of
     `stiction.comparisons.campaigns.comparison.make`; a visit may take as long as a run.
     """
     tasks: dict[str, Task] = {}

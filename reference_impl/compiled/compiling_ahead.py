@@ -61,7 +61,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
             contact_solvers.solve_contact, uniqueness.friction_gain, mode_switch._come_to_rest,
             guides_at_rest.rest_together, guides_at_rest._rest_together, guides_at_rest._are_independent,
             dynamics.unit_rows, banded_systems.open_cell, mode_switch._break_away, guides_at_rest.leave_together,
-            guides_at_rest._take_along, mode_switch._count_other_modes, mode_choice.other_modes,
+            mode_switch._count_other_modes, mode_choice.other_modes,
             mode_choice._other_modes, linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale,
             hlcp._rescale, hlcp._violation, *rest, mode_choice.choose_mode, trajectory_columns.imbalance)
 

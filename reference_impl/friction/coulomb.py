@@ -45,7 +45,7 @@ def corner_forces(guide, R, T, kappa):
 
 @kernel
 def coefficient(m, f, slip):
-    """Coefficient of a slip: the static one for a guide that was at rest, of `slip` 0."""
+    """Coefficient of a slip: static for a guide that was at rest, of `slip` 0; `mode_choice` decides which slip."""
     return m.friction[f].mus if slip[f] == 0 else m.friction[f].mu
 
 

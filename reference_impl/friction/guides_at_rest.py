@@ -104,9 +104,11 @@ def leave_together(m: Arrays, w: Workspace, direction: Integers, firmness: Reals
             leaves = direction[guides[f]]
             if own_slip[f] != 0 or leaves == 0:
                 continue
+            own_slip[f] = leaves
+            if len(guides) == 1:
+                continue  # there is none to take along
             if not looked:
                 looked, independent = True, _are_independent(own_m, own_w)
-            own_slip[f] = leaves
             if not independent:
                 _take_along(own_m, own_w, f, leaves, taken(firmness, guides), own_slip)
         for i in range(len(guides)):

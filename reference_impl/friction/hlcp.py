@@ -69,11 +69,11 @@ def assemble(m: Arrays, w: Workspace, slip: Integers,
     for f in range(nf):
         corners, normal, tangent = m.friction[f].corners, m.friction[f].row, nr + f
         half_a, half_b = 0.5 * m.friction[f].length, 0.5 * m.friction[f].width
-        # mt = mubar - V muH: friction per unit of normal force before lH+ is added
+        # mt = mubar - V muH, (3) and (11): friction per unit of normal force before lH+ is added
         mt = -m.friction[f].mus if slip[f] == 0 else -m.friction[f].mu * slip[f]
         for k in range(corners):
             column = m.friction[f].pair + k
-            lever = (2 * k - 1) * half_a if corners == 2 else 0.0
+            lever = (2 * k - 1) * half_a if corners == 2 else 0.0  # (26)
             E0[normal, column], E1[normal, column] = -1.0, 1.0
             E0[tangent, column], E1[tangent, column] = mt, mt
             if corners == 2:
@@ -89,7 +89,7 @@ def assemble(m: Arrays, w: Workspace, slip: Integers,
             A0[g, g], A1[g, g + surfaces] = -1.0, -1.0
             A0[g + surfaces, g + surfaces], A1[g + surfaces, g] = 1.0, -1.0
             g += 1
-    for r in range(nr):
+    for r in range(nr):  # (34)
         _multiply_row(w.G[r], E0, E1, y, x)
         for c in range(n):
             A0[r, c] = y[c] + compliance * w.G[r, r] * E0[r, c]
@@ -99,7 +99,7 @@ def assemble(m: Arrays, w: Workspace, slip: Integers,
     for f in range(nf):
         half_b, angle = 0.5 * m.friction[f].width, m.friction[f].row + 1
         for surface in range(2 if slip[f] == 0 else 0):
-            lever = half_b if surface == 0 else -half_b
+            lever = half_b if surface == 0 else -half_b  # of (8)-(9); the row is (32), (35)
             # W_T of the surface = tangential row +- b/2 angle row, so g_H'' = (that row of G) force - right
             for k in range(nr + nf):
                 row[k] = w.G[nr + f, k] + lever * w.G[angle, k]

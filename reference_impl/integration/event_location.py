@@ -5,7 +5,7 @@ zero; the step after it is made to end there (`zero_near_end`). The same values 
 has a zero within a step (`may_vanish`). Only where that bound fails is the step searched with its dense output
 (`first_root`), and repeated with the length found. Either way what is left is made up for by the secant method on the
 event function (`go_to_event`), each correction a Runge-Kutta step, so that the state at an event is as accurate as any
-other.
+other. `event_driven._locate` calls them in this order.
 
 Guarantee. Within a mode an event function g is smooth (`frozen_mode.event_functions`). Let p be its polynomial
 through n + 1 points of an interval. The Bernstein coefficients b_i of p bound it: p >= min b_i on the whole interval.

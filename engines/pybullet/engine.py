@@ -196,7 +196,7 @@ class _Stepper(TreeStepper):
         self._positions, self._velocities, self._held = self.position.data, self.velocity.data, self.held.data
         # forces act where PyBullet last looked for the links: at the start of the step before, or where `put` set them
         self._seen = np.zeros(len(self.coordinates))
-        self._places, self._forces = self._seen.data, self.loads.data
+        self._places, self._found, self._forces = self._seen.data, self.coordinates.data, self.loads.data
         self.put(self.position, self.velocity)
         for name in tree.loops:
             self._close_loop(scene.pins[name])
@@ -236,7 +236,7 @@ class _Stepper(TreeStepper):
                 turn((0.0, 0.0, torque), self._world, client)
         self.clock.call(self._simulate, client)
         if self._pushers:
-            self._seen[:] = self.coordinates
+            place[:] = self._found
         states, positions, velocities, held, i = self._states(), self._positions, self._velocities, self._held, 0
         for position, velocity, _, _ in states:
             if not _SLOWEST < velocity < _FASTEST:

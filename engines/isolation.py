@@ -1,9 +1,8 @@
 """Work in child processes: a crash, a hang or an exception there ends one task alone, and its own words are kept.
 
-Each child has a pipe of its own and one task at a time, so that the end of a child, whatever its
-cause, concerns exactly one task. (A pool whose workers share a queue and its locks does not survive
-the kill of a worker that holds one.) Children are reused, because importing an engine takes longer
-than most runs; one that dies is replaced.
+Each child has a pipe of its own and one task at a time. So the end of a child, whatever its cause, concerns exactly one
+task. (A pool whose workers share a queue and its locks does not survive the kill of a worker that holds one.) Children
+are reused, because importing an engine takes longer than most runs; one that dies is replaced.
 """
 
 from __future__ import annotations

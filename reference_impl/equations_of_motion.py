@@ -5,7 +5,7 @@
 Every constraint, drive, spring and load is written with points, directions and angles of bodies. Each of these knows
 its Jacobian, rate and centripetal part (`Moving`), and the product rule does the rest. A spring acts by virtual work:
 the generalized force of a tension F in the coordinate s is -F ds/dq. This is another derivation than that of the
-compiled `kinematics` and `dynamics`, which have every row in closed form, so that each can be tested against the other.
+compiled `kinematics` and `dynamics`, which have every row in closed form. Each can be tested against the other.
 """
 
 from __future__ import annotations

@@ -54,10 +54,9 @@ class Revolute(Model):
 class Translational(Model):
     """A slider on a guide.
 
-    The slider's point `slider_point` stays on the line through `point` along `direction`
-    (both in the axes of the guide), and the slider's angle minus the guide's stays `angle`.
-    The normal is `direction` turned by +90 degrees; the lower surface (+) pushes the slider
-    along it, the upper surface (-) against it.
+    The slider's point `slider_point` stays on the line through `point` along `direction` (both in the axes of the
+    guide). The slider's angle minus the guide's stays `angle`. The normal is `direction` turned by +90 degrees; the
+    lower surface (+) pushes the slider along it, the upper surface (-) against it.
 
     `length` (along the guide) resolves the normal force into corner forces, `width` (across)
     gives the friction of the two surfaces its lever. `mu` declares dry friction; `mus`, the

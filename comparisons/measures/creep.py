@@ -60,8 +60,8 @@ def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, round
             landed: float = LANDING, period: float | None = None) -> Slip:
     """Reduce a motion along a guide to the numbers of its slip.
 
-    The creep is the slope of Theil and Sen, the median of the slopes between all pairs of instants after the landing,
-    which a few outliers do not change; its uncertainty half of the longer side of the interval of `LEVEL` (Sen 1968, J.
+    The creep is the slope of Theil and Sen: the median of the slopes between all pairs of instants after the landing. A
+    few outliers do not change it. Its uncertainty is half of the longer side of the interval of `LEVEL` (Sen 1968, J.
     Am. Stat. Assoc. 63, 1379-1389), and the rounding. Where the mean speed in the second half, between medians of a
     tenth, is farther off, as of a slider that lets go late, that is the creep, and the distance its uncertainty. Under
     a load of this period the slope is of means over it.

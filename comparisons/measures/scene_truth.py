@@ -36,9 +36,9 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     An independent one if the scene has the structure of one of `stiction.comparisons.truth`, proven where a certificate
     is of it. Otherwise the reference implementation's own event-driven run at rtol 1e-12 with projection, tier "our own
-    run", whose uncertainty is the difference to its run at 1e-10. Where that one ends early too, or the equations have
-    no motion or several, the tier is "none": there is nothing to compare with. All tiers have the same events: those
-    of `rubbing_guides`. The truth of a scene is kept.
+    run". Its uncertainty is the difference to its run at 1e-10. Where that one ends early too, or the equations have no
+    motion or several, the tier is "none": there is nothing to compare with. All tiers have the same events: those of
+    `rubbing_guides`. The truth of a scene is kept.
     """
     return _found(_Request(scene_to_toml(scene), scene.name, scene.t_end if t_end is None else t_end, scene))
 

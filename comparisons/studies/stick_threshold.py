@@ -284,8 +284,8 @@ def threshold_table(scene: Scene, variants: Sequence[Variant], outcomes: Sequenc
                     true: Mapping[bool, StickThreshold]) -> pd.DataFrame:
     """One row per variant and step; the values of the outcomes are those of `measure_series`.
 
-    The numerical uncertainty is the width of the bracket plus the rest of the transient and, along a refinement series,
-    the change from the next coarser step.
+    The numerical uncertainty is the width of the bracket plus the rest of the transient. Along a refinement series the
+    change from the next coarser step is added.
     """
     rows = []
     for variant, outcome in zip(variants, outcomes, strict=True):

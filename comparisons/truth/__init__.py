@@ -3,8 +3,9 @@
 Written from the equations of motion of each mechanism in its own minimal coordinates; nothing here knows the
 reference implementation, a constraint Jacobian or a complementarity problem. ``docs/theory/truths.md`` lists them.
 
-The truth of a scene, ``x_truth(scene, t_end)``, raises `NotThisMechanism` for a scene of another structure, `NoMotion`
-where the equations have no motion or several, and `Undecided` where two integrations find different events.
+The truth of a scene is ``x_truth(scene, t_end)``. It raises `NotThisMechanism` for a scene of another structure and
+`NoMotion` where the equations have no motion or several. Where two integrations find different events it raises
+`Undecided`.
 """
 
 from stiction.comparisons.truth.closed_form.block_on_incline import incline_truth

@@ -70,9 +70,9 @@ class Truth:
                     switches: Sequence[tuple[float, str, str]] | None = None) -> Truth:
         """Return the closed form of a motion as a Truth.
 
-        `rounding` is the error of a column relative to 1 and its largest size at `samples` instants, and that of the
-        times of events relative to 1 s and `t_end`. `switches` are time, kind and guide of each event, None for a
-        motion without friction.
+        `rounding` is the error of a column relative to 1 and its largest size at `samples` instants. Of the times of
+        events it is relative to 1 s and `t_end`. `switches` are time, kind and guide of each event, None for a motion
+        without friction.
         """
         found = columns(np.linspace(0, t_end, samples), "after")
         uncertainty = {name: rounding * float(1 + np.max(np.abs(values))) for name, values in found.items()}

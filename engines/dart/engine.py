@@ -4,9 +4,9 @@ Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkT
 joints that close loops are ball joint constraints, corrected by `erp` of their error each step. Drives: actuators of
 prescribed velocity. Friction: the Coulomb friction of DART's joints at the bound.
 
-Contact fidelity. The slider has four small spheres whose outer points are the corners of a box of the guide's length
-and width, between two half-spaces, without clearance; or it is that box, between two fixed boxes. Contacts are solved
-by DART's projected Gauss-Seidel to convergence: of contacts in the plane Dantzig's matrix is singular, and where it is
+Contact fidelity. The slider has four small spheres between two half-spaces, without clearance. Their outer points are
+the corners of a box of the guide's length and width; or it is that box, between two fixed boxes. Contacts are solved by
+DART's projected Gauss-Seidel to convergence: of contacts in the plane Dantzig's matrix is singular, and where it is
 not, his friction is bound by the normal forces without friction.
 """
 

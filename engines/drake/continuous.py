@@ -3,7 +3,7 @@
 Corners on half-spaces, both coefficients of friction, integrated with error control by CENIC.
 
 CENIC (Kurtz & Castro 2025, https://arxiv.org/abs/2511.08771) solves the convex contact problem of a discrete step for a
-step and for its two halves, and takes the halves. It chooses steps so that the two differ by less than `rtol` in any
+step and for its two halves. It takes the halves. It chooses steps so that the two differ by less than `rtol` in any
 coordinate (m, rad). The contacts are those of `stiction.engines.drake.contact`, of a stiffness that does not depend on
 steps. Friction goes by the normal force and the slip speed at the start of a step; it is static up to a few times
 `stiction_tolerance`, kinetic beyond. Loads are evaluated by the adapter whenever Drake asks for them; a motor is one of

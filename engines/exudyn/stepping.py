@@ -1,8 +1,8 @@
 """Exudyn's steps on a grid, stopped and restarted at the switches of dry friction.
 
-Friction (`friction`) and the surface moment change the multipliers. After each Newton solution the loads are renewed,
-and the step is repeated until they stay (`PostNewton`, a contraction of rate mu |d N / d f|). A step at whose end the
-mode is violated is not accepted: single steps from its beginning find the switch (Brent). Exudyn restarts there with
+Friction (`friction`) and the surface moment change the multipliers. After each Newton solution the loads are renewed.
+The step is repeated until they stay (`PostNewton`, a contraction of rate mu |d N / d f|). A step at whose end the mode
+is violated is not accepted: single steps from its beginning find the switch (Brent). Exudyn restarts there with
 accelerations and multipliers that are consistent, so that nothing stale is carried over the jump.
 """
 

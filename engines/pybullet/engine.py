@@ -1,7 +1,7 @@
 """PyBullet: a multibody in reduced coordinates (Featherstone), impulses on joint velocities, symplectic Euler.
 
 Where point-to-point constraints close loops, the first step also bends the consistent start onto the engine's discrete
-velocities, and the sample at 0 holds the acceleration of the second.
+velocities. The sample at 0 then holds the acceleration of the second.
 
 Joint fidelity. The mechanism is one multibody on a fixed base, its joints those of
 `stiction.engines.shared.link_tree.LinkTree`. Revolute joints that close a loop are point-to-point constraints,

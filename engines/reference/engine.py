@@ -48,8 +48,7 @@ class ReferenceEngine(Engine):
     ``trial_fallbacks`` say how often one took the place of another.
 
     ``audit="sampled"``: every step of the event-driven method is verified against Coulomb's law at an instant that no
-    method chose, and the run ends with a breakdown where it is violated. ``"dense"``: at 32 instants; ``"none"``:
-    never.
+    method chose. Where it is violated the run ends with a breakdown. ``"dense"``: at 32 instants; ``"none"``: never.
 
     ``stabilization``: ``"scene"`` does what the scene declares; ``"none"``, ``"baumgarte"`` and ``"projection"`` take
     its place. ``assemble=True`` moves a start that violates the constraints onto them.

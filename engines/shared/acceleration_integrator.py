@@ -200,8 +200,8 @@ class TreeAccelerations:
     def _reactions(self, a: np.ndarray, friction: np.ndarray) -> np.ndarray:
         """Normal forces (N) and moments (N m) of the frictional guides, shape (2, frictional).
 
-        They belong to accelerations of the bodies and these frictions (N) at the assembled instant, by least squares in
-        the metric of the masses, of minimum norm.
+        They belong to accelerations of the bodies and these frictions (N) at the assembled instant. They are of least
+        squares in the metric of the masses and of minimum norm.
         """
         balance = self._balance
         balance.known[:] = friction

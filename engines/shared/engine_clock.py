@@ -2,9 +2,9 @@
 
 To ask a system for the CPU time of a process takes 0.8 to 7 us where that is a system call (the more, the busier the
 machine), as much as a step of a small mechanism; to ask for the time of day takes 0.05 us. So the time of day is looked
-at whenever a run goes into its engine or comes out of it, and every half a millisecond the CPU time since is shared out
-in the proportion of the two. What other processes take falls on both sides in proportion to their own time, and one
-that comes in between spoils the proportion for that half a millisecond alone.
+at whenever a run goes into its engine or comes out of it. Every half a millisecond the CPU time since is shared out in
+the proportion of the two. What other processes take falls on both sides in proportion to their own time. One that comes
+in between spoils the proportion for that half a millisecond alone.
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ solves:
     J v+ = rate - Phi/h,    0 <= P_N _|_ C_N (v+ + e v) >= 0,    |P_T| <= mu P_N, against the slip C_T v+
 
 A corner takes part where its gap at q_M is not positive: the kernel asks for y + h/2 y' <= 0. What is held adds
-r J' (rate - Phi/h - J v+), which is zero in the solution, to the balance: M + r J'J instead of M is what Gauss-Seidel
-sees, and then held rows and corners hardly depend on each other (the method of multipliers, Hestenes 1969).
+r J' (rate - Phi/h - J v+), which is zero in the solution, to the balance: Gauss-Seidel sees M + r J'J instead of M.
+Then held rows and corners hardly depend on each other (the method of multipliers, Hestenes 1969).
 """
 
 import bisect

@@ -2,8 +2,9 @@
 
 ``lemke``: the HLCP by Lemke's method, and nothing else (`hlcp`). ``enumeration``: by trying all modes (`enumeration`).
 ``trial``: by trial and error on signs (`trial_and_error`). ``automatic``: Lemke's method, and where it finds no
-solution all modes; a large mechanism, one that has cells, first by trial and error with banded systems where its
-solution is known to be the only one (`uniqueness`). What took the place of what is counted (`solvers.Counters`).
+solution all modes; a large mechanism, one that has cells, is first solved by trial and error with banded systems. Its
+solution must be known to be the only one (`uniqueness`). Each resort to another way is counted
+(`solver_names.Counters`).
 """
 
 from __future__ import annotations

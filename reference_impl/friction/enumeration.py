@@ -1,8 +1,8 @@
 """The solutions of the HLCP by trying all contact modes: complete, and exponential in the number of guides; compiled.
 
-Lemke's method can end on a ray although a solution exists: the matrices of friction coupled over several guides are
-not of a class for which it is known to find one. A solution of the HLCP is a direction (slip, or stick) of every guide
-and a sign of every loaded corner for which one linear solve gives forces with those signs.
+Lemke's method can end on a ray although a solution exists: the matrices of friction coupled over several guides are not
+of a class for which it is known to find one. A solution of the HLCP is a direction (slip, or stick) of every guide and
+a sign of every loaded corner. With these, one linear solve gives forces with those signs.
 """
 
 from __future__ import annotations

@@ -43,10 +43,10 @@ its speed."""
 def rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals) -> bool:
     """Find the guides that are at rest because others are, and bring the mechanism that they hold together to rest.
 
-    `held`: the guides at rest; those that are found are added. `speed`: the largest so far, m/s. `v`: velocities;
-    where guides rest together they are brought onto the constraints and to rest in the guides that are held, by the
-    least change in the kinetic metric. Returns whether guides rest together: more are at rest than there were freedoms
-    to hold. The workspace is filled by `dynamics.row_form`.
+    `held`: the guides at rest; those that are found are added. `speed`: the largest so far, m/s. `v`: velocities; where
+    guides rest together they are brought onto the constraints and to rest in the guides that are held. The change is
+    the least in the kinetic metric. Returns whether guides rest together: more are at rest than there were freedoms to
+    hold. The workspace is filled by `dynamics.row_form`.
     """
     found = False
     for c in range(count_cells(m)):

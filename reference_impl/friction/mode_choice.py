@@ -2,8 +2,8 @@
 
 The contact problem is solved with the static coefficient for every guide at rest (the set H). A guide whose solution
 has an acceleration leaves H in that direction; with mus > mu its friction drops to the kinetic one, which may set
-others free, so that the problem is solved again until no guide leaves. An answer that is not the only one is not
-accepted, nor that a guide leaves H that may as well jam there (`coulomb.can_jam`).
+others free. The problem is solved again until no guide leaves. An answer that is not the only one is not accepted, nor
+that a guide leaves H that may as well jam there (`coulomb.can_jam`).
 """
 
 from __future__ import annotations
@@ -89,10 +89,10 @@ def _settle(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> in
 def other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int:
     """Count the other contact modes that obey the law of two coefficients where not all guides can rest.
 
-    Each guide that was at rest (`resting`) may stay, with the static coefficient, or leave in either direction, with
-    the kinetic one, if it then accelerates that way. Where several guides are at rest, each of two may be the one whose
-    departure relieves the other. `choose_mode` takes what follows from the static coefficients of all (Zhuang & Wang,
-    Sect. 3), the mode `slip`; this tells where another choice was possible. It is 0 as well where more than
+    Each guide that was at rest (`resting`) may stay, with the static coefficient. It may leave in either direction,
+    with the kinetic one, if it then accelerates that way. Where several guides are at rest, each of two may be the one
+    whose departure relieves the other. `choose_mode` takes what follows from the static coefficients of all (Zhuang &
+    Wang, Sect. 3), the mode `slip`; this tells where another choice was possible. It is 0 as well where more than
     MOST_AT_REST guides of a cell are at rest. The row forces of the workspace are changed.
     """
     found = 0

@@ -5,8 +5,8 @@ R), and R and T are linear in the frictions of all guides. Where the gain
 
     max over guides i of  mu_i sum over slipping guides j of  max(|dR_i/df_j|, |dD_i/df_j|)
 
-is below 1 the frictions are the fixed point of a contraction, so that they exist and are unique whatever the loads. For
-one slipping guide that is necessary too: beyond, some loads have two solutions and others none (Painleve). There the
+is below 1 the frictions are the fixed point of a contraction. So they exist and are unique whatever the loads. For one
+slipping guide that is necessary too: beyond, some loads have two solutions and others none (Painleve). There the
 contact modes are counted. A guide at rest adds its static coefficient, with both directions of slip in view.
 """
 

@@ -1,8 +1,8 @@
 """Forces and accelerations of a contact mode together, for masses that are unlike, compiled.
 
-With bodies of masses m << M the entries of G = J M^-1 J^T are sums 1/m + 1/M, of which a solution needs the difference
-1/M: it is wrong by M/m roundings, and the acceleration of the light body, a small difference of large forces over m, as
-well. The equations (24) and (25) of Zhuang & Wang (2014) before q'' is eliminated from them,
+With bodies of masses m << M the entries of G = J M^-1 J^T are sums 1/m + 1/M. A solution needs their difference 1/M: it
+is wrong by M/m roundings, and the acceleration of the light body, a small difference of large forces over m, as well.
+The equations (24) and (25) of Zhuang & Wang (2014) before q'' is eliminated from them,
 
     M q'' - J^T force = Q,    J q'' = -gamma,
 

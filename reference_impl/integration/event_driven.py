@@ -160,8 +160,9 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
 def _scales(m, w, s, rtol):
     """Tolerances per component: lengths and angles by the mechanism's size, speeds by the largest so far.
 
-    No speed is asked to be better than the rounding of the accelerations, which is all there is in a mechanism at rest,
-    or than what they change in the time that a clock cannot resolve, as where a load comes within a nanosecond.
+    No speed is asked to be better than the rounding of the accelerations, which is all there is in a mechanism at rest.
+    Nor need it be better than what they change in the time that a clock cannot resolve, as where a load comes within a
+    nanosecond.
     """
     n, h, K, scale, jump = len(m.inverse_mass), s.attempt.h, s.K, s.scale, 0.0
     speed, rounding = s.progress.speed, 0.0

@@ -13,15 +13,15 @@ Hence g > 0 wherever
 
     min b_i > tau ,    tau >= |g - p| on the interval.
 
-A step passes only if this holds on each interval of a division of it, n = 4 for the whole step, or n = 8 for the parts
-of a searched one, which is divided until it does, until a zero is enclosed, or until tau is below rounding. One
-exception: a function that is still unresolved in a FINEST part, or after PARTS parts, as one that jumps or is noise
-near zero, is judged by its values at the nodes. tau is an estimate, not a proof: from values of g that p does not use,
-or from the last two of its Chebyshev coefficients. It is right where g is resolved by the points, that is where its
-higher derivatives do not change faster than those that are seen. For the motion the control of errors sees to that; for
-loads that act on a mechanism at rest, whose motion tells nothing, no step is longer than half a period of the fastest
-one (`event_driven.LONGEST_STEP`). The first zero of g below minus its rounding (`step.noise`) is then found to the
-accuracy of the dense output.
+A step passes only if this holds on each interval of a division of it. n is 4 for the whole step, and 8 for the parts of
+a searched one. That is divided until the bound holds, until a zero is enclosed, or until tau is below rounding. One
+exception: a function may be unresolved in a FINEST part, or after PARTS parts, as one that jumps or is noise near zero.
+It is judged by its values at the nodes. tau is an estimate, not a proof: from values of g that p does not use, or from
+the last two of its Chebyshev coefficients. It is right where g is resolved by the points, that is where its higher
+derivatives do not change faster than those that are seen. For the motion the control of errors sees to that; for loads
+that act on a mechanism at rest, whose motion tells nothing, no step is longer than half a period of the fastest one
+(`event_driven.LONGEST_STEP`). The first zero of g below minus its rounding (`step.noise`) is then found to the accuracy
+of the dense output.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """The paper's scheme: fixed-step Runge-Kutta with the HLCP, by Lemke, at every evaluation (Sect. 4.2).
 
 Choices where the paper is silent: the classical Runge-Kutta method of order 4; the slip/stick set is decided at the
-start of a step and kept for its four evaluations, the normal law is decided by the HLCP at each of them; a step in
-which a slip velocity changes its sign is repeated with the length at which that velocity vanishes (secant), and the
-rest of the step follows from there. A slider leaves the stick set at the start of a step, so that a break-away is late
-by up to one step: the scheme is of first order across it.
+start of a step and kept for its four evaluations; the normal law is decided by the HLCP at each of them; a step in
+which a slip velocity changes its sign is repeated with the length at which that velocity vanishes (secant). The rest of
+the step follows from there. A slider leaves the stick set at the start of a step, so that a break-away is late by up to
+one step: the scheme is of first order across it.
 """
 
 from __future__ import annotations

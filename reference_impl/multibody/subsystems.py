@@ -1,8 +1,7 @@
 """Parts of a scene that do not act on each other: each is integrated on its own.
 
 Two bodies that share a joint, a drive, a spring or a damper are in one part; the ground connects nothing. A part has
-its own steps, events and scales, so that it moves to rounding as it would alone, and n of them cost n times as much as
-one.
+its own steps, events and scales. So it moves to rounding as it would alone, and n of them cost n times as much as one.
 """
 
 from __future__ import annotations

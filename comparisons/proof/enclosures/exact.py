@@ -1,8 +1,8 @@
 """The numbers of a scene as they are written: 0.1 is one tenth and "pi/4" a quarter of pi, each in a ball.
 
-A number of the form q pi^k with rational q and whole k, which almost every number of a scene has, is kept as such, so
-that two numbers can be compared: mus = mu, a start at rest, a common period of two frequencies. So are products of such
-a number with sines and cosines of such numbers: a force along a guide of direction (cos(slope), sin(slope)).
+Almost every number of a scene has the form q pi^k with rational q and whole k. It is kept as such, so that two numbers
+can be compared: mus = mu, a start at rest, a common period of two frequencies. So are products of such a number with
+sines and cosines of such numbers: a force along a guide of direction (cos(slope), sin(slope)).
 """
 
 from __future__ import annotations

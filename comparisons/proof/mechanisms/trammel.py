@@ -13,9 +13,8 @@ and by the balances of momentum of the whole, of mass M, across the guides (Ry a
 
 The truth of the trammel starts from the balances of every body instead: each is a check of the other.
 
-The sliders do not turn and their pins are smooth, so that with mu b < a both corners of a slider press on the same
-surface and N = |R|. With the slips sx, sy and the signs ex, ey of Rx, Ry, fx = cx Rx and fy = cy Ry, c = -mu s e,
-whence
+The sliders do not turn and their pins are smooth. So with mu b < a both corners of a slider press on the same surface,
+and N = |R|. With the slips sx, sy and the signs ex, ey of Rx, Ry, fx = cx Rx and fy = cy Ry, c = -mu s e, whence
 
     Rx = (A - cy B) / (1 + cx cy) ,     Ry = (B + cx A) / (1 + cx cy) .
 

@@ -1,7 +1,7 @@
 """N four-bars in a row (IFToMM benchmark A02), any N: by symmetry one pendulum.
 
-All N + 1 uprights (uniform, mass m, length L, pinned to the ground) turn alike, so the N couplers (mass m)
-translate with the tips. With the angle th of the uprights above the horizontal
+All N + 1 uprights (uniform, mass m, length L, pinned to the ground) turn alike. So the N couplers (mass m) translate
+with the tips. With the angle th of the uprights above the horizontal
 
     T = (m L^2 / 2) ((N + 1)/3 + N) th'^2 ,   V = m g L ((N + 1)/2 + N) sin th
     =>  psi'' = -w^2 sin psi ,  psi = th + pi/2 ,  w^2 = (g/L) ((N + 1)/2 + N) / ((N + 1)/3 + N) ,

@@ -9,7 +9,7 @@ Polar coordinates of the slider's centre, r along the arm and th the arm's angle
 so free:  (J + Is + m r^2) th'' = -kt (th - th0) - dt th' - m r (2 r' th' - g.n) .
 
 Friction acts along the line through the pivot, and the moment of the surfaces about the slider's centre is part of
-M, so neither enters th'': R and M are known before friction is, and f = phi N(R, M, phi) (`slider_contact.py`) with
+M. So neither enters th'': R and M are known before friction is, and f = phi N(R, M, phi) (`slider_contact.py`) with
 phi = -mu sgn r' in slip.
 Rest on the arm: r' = r'' = 0 asks for f = k (r - r0) - m r th'^2 - m g.e, possible while |phi| <= mus.
 """

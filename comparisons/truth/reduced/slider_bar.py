@@ -141,7 +141,7 @@ class SliderBar(SingleSlider):
 
         In direction s, with z = s x'' >= 0, A = (2/a) (tau(0) + (b/2) mus s R) and B for s B, slip asks for
         h(z) = s P - m z - mus max(|R|, |A - B z|) = 0, concave in z and negative at 0 in rest. It has roots z > 0 only
-        where it rises at 0, so that mus |B| > m, up to its largest value, where |A - B z| has fallen to |R|. With B > 0
+        where it rises at 0: mus |B| > m. Its largest value is where |A - B z| has fallen to |R|. With B > 0
         that is at z = (A - |R|)/B, and h there times B is s P B - m (A - |R|) - mus |R| B; with B < 0 as for -A, -B.
         Rest is therefore the only solution while one of  m - mus B,  |R| - A,  m A - s P B + (mus B - m) |R|  is
         positive; for mus B > m the last is, as the middle one, the larger of the two with R and -R.

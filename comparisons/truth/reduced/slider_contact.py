@@ -1,10 +1,10 @@
 """The contact of one slider with its guide, for the reduced solutions.
 
-A slider of length a and width b carries the normal force R = n1 + n2 and needs the moment M about its centre
-from its guide (whatever else turns it, drive or inertia, has the moment -M). n1 and n2 are the normal forces at the
-rear and front corners, each taken by the lower surface where positive and by the upper where negative. The
-friction of the surfaces is phi N+ and phi N- along the guide, with phi = -mu s in slip and phi = rho mus in stick, the
-same fraction rho on both surfaces (equal mobilization). With b/2 the lever of the surfaces,
+A slider of length a and width b carries the normal force R = n1 + n2 and needs the moment M about its centre from its
+guide (whatever else turns it, drive or inertia, has the moment -M). n1 and n2 are the normal forces at the rear and
+front corners. The lower surface takes each where it is positive, the upper where it is negative. The friction of the
+surfaces is phi N+ and phi N- along the guide, with phi = -mu s in slip and phi = rho mus in stick, the same fraction
+rho on both surfaces (equal mobilization). With b/2 the lever of the surfaces,
 
     M = (a/2) (n2 - n1) + (b/2) phi (N+ - N-) ,    N+ - N- = n1 + n2 = R
     =>  D = n2 - n1 = (2/a) (M - (b/2) phi R) ,    N = N+ + N- = |n1| + |n2| = max(|R|, |D|) .

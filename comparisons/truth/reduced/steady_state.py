@@ -161,11 +161,11 @@ def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
     In a steady state the slider sticks wherever its velocity reaches zero and the load there is below what static
     friction can hold. The smallest `SliderBar.break_away_margin` over the zeros of velocity is therefore positive
     without and negative with a stick phase. A bracket is sought in steps of a quarter of F0 and halved, each amplitude
-    from the start. The steady state without a stick phase at its upper end is followed down to where it stays at a
-    stop, or comes to rest within a slip phase. That is the threshold if the start leads to a stick phase just below
-    and to none just above. Otherwise two steady states coexist: the threshold is that of the start, located by halving
-    alone. The note says down to where the other one exists, and where no steady state was found, which ends the
-    halving. Raises InputError as `with_threshold`.
+    from the start. The steady state without a stick phase at its upper end is followed down. Its limit is where it
+    stays at a stop, or comes to rest within a slip phase. That is the threshold if the start leads to a stick phase
+    just below and to none just above. Otherwise two steady states coexist: the threshold is that of the start, located
+    by halving alone. The note says down to where the other one exists, and where no steady state was found, which ends
+    the halving. Raises InputError as `with_threshold`.
     """
     try:
         return _threshold(with_threshold(scene), xtol)

@@ -25,8 +25,8 @@ Eliminating the pin forces from the bar's two balances:
     Rx = (A - cy B) / (1 + cx cy) ,  Ry = (B + cx A) / (1 + cx cy) .
 
 A, B and hence the moment equation are linear in p'': solved for each choice of the signs of R, of which the consistent
-one is taken. A guide's slip changes its direction with p' and, although the mechanism moves on, where its slider is at
-its dead point (sin p = 0 or cos p = 0).
+one is taken. A guide's slip changes its direction with p'. It also does where its slider is at its dead point,
+sin p = 0 or cos p = 0, although the mechanism moves on.
 
 At rest p' = 0 sticks both guides at once. Friction is hyperstatic then; the split shown is equal mobilization of both
 guides, phi = -rho mus e with e the direction of slip for p' > 0. With p'' = 0 the moment equation times (1 + cx cy) is

@@ -195,8 +195,8 @@ class _Stepper(TreeStepper):
         # of single numbers a view of the memory is read and written in half the time of an array
         self._positions, self._velocities, self._held = self.position.data, self.velocity.data, self.held.data
         # forces act where PyBullet last looked for the links: at the start of the step before, or where `put` set them
-        self._seen = np.zeros(len(self.coordinates))
-        self._places, self._found, self._forces = self._seen.data, self.coordinates.data, self.loads.data
+        self._places, self._found = np.zeros(len(self.coordinates)).data, self.coordinates.data
+        self._forces = self.loads.data
         self.put(self.position, self.velocity)
         for name in tree.loops:
             self._close_loop(scene.pins[name])
@@ -221,7 +221,7 @@ class _Stepper(TreeStepper):
 
     def begin(self) -> None:
         super().begin()
-        self._seen[:] = self.coordinates
+        self._places[:] = self._found
 
     def advance(self, caps: Sequence[float]) -> None:
         client = self._client

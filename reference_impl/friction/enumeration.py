@@ -2,7 +2,7 @@
 
 Lemke's method can end on a ray although a solution exists: the matrices of friction coupled over several guides are not
 of a class for which it is known to find one. A solution of the HLCP is a direction (slip, or stick) of every guide and
-a sign of every loaded corner. With these, one linear solve gives forces with those signs.
+a sign of every loaded corner. It is one where a linear solve for these gives forces with those signs.
 """
 
 from __future__ import annotations

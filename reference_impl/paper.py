@@ -16,7 +16,8 @@ paper           here              what                                          
 (5), (13), (16) gH_plus, gH_minus of a sticking surface: gH'' = gH+ - gH-          m/s^2  hlcp.assemble
 (6), (14), (17) lH_plus, lH_minus lH+- = muH FN +- lambda_H, lH+ = 2 muH FN - lH-  1, N   hlcp.assemble
 (7), (15)       lemke             gH+, lH+ >= 0, one of them 0; gH-, lH- alike            lemke.lemke
-(8)-(9)         W_T, w_T          sliding of surfaces (+), (-): gT' = W_T q'       1, m   kinematics.constraints_at
+(8)             W, w              sliding of a guide: its velocity is W q'         1      kinematics.constraints_at
+(9)             W_T, w_T          that of its surfaces (+), (-): gT' = W_T q'      1, m   hlcp.assemble
 (11)            mubar, V          lambda_T = mubar FN + V lambda_H; V: which stick 1      hlcp.assemble
 (12)            M2, w_T           gH'' = W_H q'' + w_H, W_H = V^T W_T                     hlcp.assemble
 (18)-(20)       phi, J, gamma     constraints [CR; CT; D]; Phi'' = J q'' + gamma   m, rad kinematics.constraints_at
@@ -30,10 +31,12 @@ paper           here              what                                          
 (33)            solve             q'' of multipliers and frictions                 m/s^2  dynamics.acceleration
 (34)            A0, A1, b         rows of the constraints                          m/s^2  hlcp.assemble
 (36)            hlcp              A0 y = A1 x + b, with the rows of (17)                  hlcp.assemble
-(37)-(38)       lemke             y, x >= 0, y^T x = 0, pivot by pivot                    lemke.lemke
+(37)            solve             y = (A0^-1 A1) x + A0^-1 b                              hlcp.solve
+(38)            lemke             y, x >= 0, y^T x = 0, pivot by pivot                    lemke.lemke
 =============== ================= ================================================ ====== =============================
 
-The compiled files are in ``friction`` and ``multibody``. `hlcp.solve` calls `lemke` and `hlcp.read` takes its result.
+The compiled files are in ``friction`` and ``multibody``. `hlcp.solve` calls `lemke`, and `hlcp.read` takes its result:
+this is at the start and at events. Between them `frozen_mode.solve_mode` has the same forces by one linear solve.
 q, v are the coordinates of each body, x, y, angle (m, rad), and their rates.
 
 Where the paper is silent the choices are those of `paper_scheme`.
@@ -161,7 +164,7 @@ class Paper:
         self.CR_D = np.setdiff1d(np.arange(len(self.equations.rows)), self.CT)
 
     def hlcp(self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray) -> HLCP:
-        """Eqs. (36)-(37) at an instant.
+        """Eq. (36) at an instant.
 
         Beyond the paper: in w_T the angle of a slider counts with its stabilization, so that off the constraints too
         both surfaces of a sticking slider rest. The angle of the paper's slider cannot drift.
@@ -208,13 +211,13 @@ class Paper:
         smooth, corners, surfaces = len(self.CR_D), 2 * len(self.a), V.shape[1]
         cover = np.ones(len(b))
         cover[len(b) - surfaces:] = COVER
-        # (37)-(38), which are (2), (15), (29) and (30)
+        # (37)-(38), of which (1)-(2), (7), (15), (29)-(30) are parts
         y, x = lemke(np.linalg.solve(A0, A1), np.linalg.solve(A0, b), cover)
         parts = np.cumsum([smooth, corners, surfaces])
         l_plus, F_minus, gH_plus, _ = np.split(y, parts)
         l_minus, F_plus, lH_plus, gH_minus = np.split(x, parts)
         FN = self.H @ F_plus + self.G @ F_minus                                                  # (4), (10)
-        lambda_T = mt @ FN + V @ lH_plus                                                         # (11), (14)
+        lambda_T = mt @ FN + V @ lH_plus                                                         # (6), (11), (14)
         lambda_C = np.zeros(len(J))
         lambda_C[self.CR_D] = l_plus - l_minus                                                   # (27)-(28)
         lambda_C[self.CT] = self.S @ F_plus + self.K @ F_minus                                   # (26)
@@ -222,7 +225,7 @@ class Paper:
         plus, minus = lambda_T[0::2], lambda_T[1::2]
         lambda_C[self.CT[1::2]] += self.width / 2 * (plus - minus)
         terms = np.abs(W_T @ np.linalg.solve(M, np.hstack([QE[:, None], J.T * lambda_C, W_T.T * lambda_T])))
-        gH = gH_plus - gH_minus                                                                  # (16)
+        gH = gH_plus - gH_minus                                                                  # (5), (13), (16)
         return Solution(acceleration, lambda_C, plus + minus, gH[0::2],
                         REST * np.max(terms, initial=0.0))
 

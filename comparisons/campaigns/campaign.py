@@ -1,4 +1,6 @@
-"""Campaign: runs of every night, and the part of them that a check makes, in a TOML file validated like a scene.
+"""A campaign file: runs of every night, and the part of them that a check makes, as TOML validated like a scene.
+
+`nightly` makes the runs.
 
     title = ".."
     scenes = ["slider-bar-case-1", "mine.toml"]     # of the catalogue, or files in the folder of this one

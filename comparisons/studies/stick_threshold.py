@@ -1,4 +1,8 @@
-"""The stick threshold: the largest F0 for which the steady state reached from the scene's start has a stick phase."""
+"""The stick threshold: the largest F0 for which the steady state reached from the scene's start has a stick phase.
+
+It is searched here for each engine (`measure_threshold`), for the truth in `truth.reduced.steady_state`, and proven in
+`proof.threshold`.
+"""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ class FrictionBound(GuideFriction):
     Stick is tried with the static coefficient, `passes` times from the same state so that cap and reactions agree;
     where it does not hold, the step is taken with the kinetic one. A guide that slips and keeps its direction takes one
     pass, with the reactions of the step before. The bound itself is computed by `step_kernels._set_caps`, and put into
-    the engine by the adapter's `advance`.
+    the engine by the adapter's `advance`; `step_kernels._judge` decides whether the step is repeated.
 
     Parameters
     ----------

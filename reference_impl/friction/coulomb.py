@@ -1,6 +1,6 @@
 """Coulomb's law on a slider in its guide: corner forces, bound of the friction, direction, stick.
 
-Written once, for kernels and NumPy.
+Written once, for kernels and NumPy. The coefficients mu and mus are constant: neither depends on the speed (Stribeck).
 
 The slider has length a and width b, its guide the surfaces (+) and (-), at levers -+b/2. R is the force of the guide's
 normal row, T that of its angle row: the moment of normal forces and surface friction together. Both surfaces use the
@@ -51,14 +51,14 @@ def coefficient(m, f, slip):
 
 @kernel
 def capacity(m, f, R, T, d):
-    """Return the largest static friction against a beginning slip in direction d, both surfaces mobilized."""
+    """Return the largest static friction of (3) against a beginning slip in direction d, both surfaces mobilized."""
     guide = m.friction[f]
     return guide.mus * normal_load(guide, R, T, -guide.mus * d)
 
 
 @kernel
 def friction_coefficients(m, f, d, s1, s2, mu):
-    """c_R, c_T of f = c_R R + c_T T for a guide that slips with a coefficient of friction mu."""
+    """c_R, c_T of f = c_R R + c_T T: (3) for a guide that slips with a coefficient mu; `capacity` is for one that sticks."""
     guide = m.friction[f]
     k, a = -mu * d, guide.length
     if a == 0.0:

@@ -32,8 +32,9 @@ ALL = -1.0
 
 @kernel
 def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
-    """Row forces of the mode into w.force: of d in `slip` (0 for stick), s1 and s2 in the first columns of `corner`.
+    """Row forces of the mode into w.force: reactions of joints, efforts of drives such as the driving torque, frictions.
 
+    The mode is d in `slip` (0 for stick), s1 and s2 in the first columns of `corner`.
     False if the system was singular and solved in the minimum-norm sense; the forces are nan if it is contradictory.
     """
     if len(m.cell):

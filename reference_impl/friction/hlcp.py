@@ -64,7 +64,7 @@ def assemble(m: Arrays, w: Workspace, slip: Integers,
     A0, A1, b = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     row, y, x = np.zeros(nr + nf), np.zeros(n), np.zeros(n)
     for c in range(len(m.smooth)):
-        E0[m.smooth[c], c], E1[m.smooth[c], c] = 1.0, -1.0
+        E0[m.smooth[c], c], E1[m.smooth[c], c] = 1.0, -1.0  # (27)-(28)
     g = nr
     for f in range(nf):
         corners, normal, tangent = m.friction[f].corners, m.friction[f].row, nr + f
@@ -79,14 +79,14 @@ def assemble(m: Arrays, w: Workspace, slip: Integers,
             if corners == 2:
                 E0[normal + 1, column], E1[normal + 1, column] = -lever - half_b * mt, lever + half_b * mt
             if slip[f] == 0:
-                # lH+ + lH- = 2 mus FN, eq. (17), on the surface of this corner
+                # (17): lH+ + lH- = 2 muH FN, of FN = H F+ + G F-, (4) and (10), the part of this corner
                 A1[g + surfaces, column] = 2.0 * m.friction[f].mus
                 A0[g + surfaces + 1, column] = -2.0 * m.friction[f].mus
         for surface in range(2 if slip[f] == 0 else 0):
-            E1[tangent, g] = 1.0
+            E1[tangent, g] = 1.0  # lambda_H = lH+ - muH FN, (6) and (14)
             if corners == 2:
                 E1[normal + 1, g] = half_b if surface == 0 else -half_b
-            A0[g, g], A1[g, g + surfaces] = -1.0, -1.0
+            A0[g, g], A1[g, g + surfaces] = -1.0, -1.0  # gH'' = gH+ - gH-, (5), (13) and (16)
             A0[g + surfaces, g + surfaces], A1[g + surfaces, g] = 1.0, -1.0
             g += 1
     for r in range(nr):  # (34)
@@ -100,7 +100,7 @@ def assemble(m: Arrays, w: Workspace, slip: Integers,
         half_b, angle = 0.5 * m.friction[f].width, m.friction[f].row + 1
         for surface in range(2 if slip[f] == 0 else 0):
             lever = half_b if surface == 0 else -half_b  # of (8)-(9); the row is (32), (35)
-            # W_T of the surface = tangential row +- b/2 angle row, so g_H'' = (that row of G) force - right
+            # W_T of the surface = tangential row +- b/2 angle row, so gH'' of (12) = (that row of G) force - right
             for k in range(nr + nf):
                 row[k] = w.G[nr + f, k] + lever * w.G[angle, k]
             _multiply_row(row, E0, E1, y, x)

@@ -34,7 +34,10 @@ def _push(Q, body, rx, ry, fx, fy):
 
 @kernel(inline=True)
 def applied_forces(m, rotation, t, q, v, Q):
-    """Generalized applied forces Q of (21), (3 * bodies,): weight, springs and dampers, forces and torques."""
+    """Generalized applied forces Q of (21), (3 * bodies,): weight, springs and dampers, forces and torques.
+
+    M of (21) is diagonal: `Arrays.inverse_mass`.
+    """
     for i in range(len(Q)):
         Q[i] = m.weight[i]
     for k in range(len(m.spring)):

@@ -46,21 +46,20 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
                                                   mode_choice, uniqueness)
     from stiction.reference_impl.integration import (event_driven, event_location, integration_state, mode_switch,
                                                      right_hand_side, step_audit)
-    from stiction.reference_impl.multibody import banded_systems, dynamics, projection, trajectory_columns
+    from stiction.reference_impl.multibody import banded_systems, dynamics, kinematics, projection, trajectory_columns
 
     always = (event_driven._locate, event_driven._attempt, dynamics.row_form, right_hand_side.right_hand_side,
-              integration_state._stages, event_driven._propose, event_driven._emit, event_driven._refresh,
+              kinematics.law_at, integration_state._stages, event_driven._propose, event_driven._emit, event_driven._refresh,
               event_driven.integrate, uniqueness.gain_of_mode)
     rest = (trajectory_columns.write_sample, trajectory_columns.residual_norms, event_driven._commit,
             frozen_mode.solve_mode, *((projection.project, projection._correct) if projects else ()))
     if not friction:
         return (*always, *rest, linear_algebra.solve_in_place, integration_state.error_along_motion)
-    return (mode_switch.switch_mode, hlcp.solve, hlcp.assemble, *always, event_location.zero_near_end,
-            event_location._stays_positive, uniqueness.has_several, uniqueness._count, mode_choice._settle,
-            mode_switch.begin, mode_switch.begin_mode, step_audit.audit, event_location.go_to_event,
-            contact_solvers.solve_contact, uniqueness.friction_gain, mode_switch._come_to_rest,
-            guides_at_rest.rest_together, guides_at_rest._rest_together, guides_at_rest._are_independent,
-            dynamics.unit_rows, banded_systems.open_cell, mode_switch._break_away, guides_at_rest.leave_together,
+    return (mode_switch.switch_mode, hlcp.solve, hlcp.assemble, *always, event_location._stays_positive,
+            contact_solvers.solve_contact, step_audit.audit, event_location.go_to_event, mode_switch.begin,
+            event_location.zero_near_end, mode_switch.begin_mode, mode_choice._settle, uniqueness.has_several,
+            uniqueness._count, mode_switch._come_to_rest, guides_at_rest.rest_together, guides_at_rest._are_independent,
+            uniqueness.friction_gain, guides_at_rest._rest_together, dynamics.unit_rows, banded_systems.open_cell, mode_switch._break_away, guides_at_rest.leave_together,
             mode_switch._count_other_modes, mode_choice.other_modes,
             mode_choice._other_modes, linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale,
             hlcp._rescale, hlcp._violation, *rest, mode_choice.choose_mode, trajectory_columns.imbalance)

@@ -76,7 +76,7 @@ def applied_forces(m, rotation, t, q, v, Q):
         _push(Q, b, rbx, rby, -fx, -fy)
     for k in range(len(m.load)):
         load = m.load[k]
-        value, _, _ = law_at(m.law, m.knots, load.law, t)
+        value, _, _ = law_at(m, load.law, t)
         if load.ux == 0.0 and load.uy == 0.0:
             Q[3 * load.body + 2] += value
         else:

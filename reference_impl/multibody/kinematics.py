@@ -34,16 +34,17 @@ def _room(m: Arrays) -> dict[str, Any]:
 
 
 @kernel
-def law_at(law, knots, i, t):
+def law_at(m: Arrays, i: int, t: float) -> tuple[float, float, float]:
     """Value, rate and second derivative of law i at time t.
 
     The compiled twin of `stiction.scenes.laws.evaluate_law`.
     """
-    kind, a, b = law[i].kind, law[i].first, law[i].second
+    law, knots = m.law[i], m.knots
+    kind, a, b = law.kind, law.first, law.second
     if kind == LAW_POLYNOMIAL:
         return a + b * t, b, 0.0
     if kind == LAW_SINE:
-        frequency, phase = law[i].frequency, law[i].phase
+        frequency, phase = law.frequency, law.phase
         s, c = sin(frequency * t + phase), cos(frequency * t + phase)
         return a + b * s, b * frequency * c, -b * frequency * frequency * s
     first, last = int(a), int(b) - 1
@@ -56,13 +57,16 @@ def law_at(law, knots, i, t):
         h = knots[inner, 0] - knots[outer, 0]
         rate = (knots[inner, 1] - knots[outer, 1]) / h - h / 6.0 * (2.0 * knots[outer, 2] + knots[inner, 2])
         return knots[outer, 1] + rate * (t - knots[outer, 0]), rate, 0.0
-    i = first + np.searchsorted(knots[first:last + 1, 0], t, side="right") - 1
-    h = knots[i + 1, 0] - knots[i, 0]
-    u, w = t - knots[i, 0], knots[i + 1, 0] - t
-    a, b = knots[i, 2], knots[i + 1, 2]
-    slope = (knots[i + 1, 1] - knots[i, 1]) / h
+    i, after = first, last
+    while after - i > 1:
+        middle = (i + after) // 2
+        i, after = (middle, after) if knots[middle, 0] <= t else (i, middle)
+    h = knots[after, 0] - knots[i, 0]
+    u, w = t - knots[i, 0], knots[after, 0] - t
+    a, b = knots[i, 2], knots[after, 2]
+    slope = (knots[after, 1] - knots[i, 1]) / h
     value = ((a * w ** 3 + b * u ** 3) / (6.0 * h) + (knots[i, 1] / h - a * h / 6.0) * w
-             + (knots[i + 1, 1] / h - b * h / 6.0) * u)
+             + (knots[after, 1] / h - b * h / 6.0) * u)
     return value, (b * u * u - a * w * w) / (2.0 * h) + slope - h / 6.0 * (b - a), (a * w + b * u) / h
 
 
@@ -119,7 +123,7 @@ def constraints_at(m, w, t, q, v):
         constraint = m.constraint[k]
         kind, r, a, b = constraint.kind, constraint.row, constraint.a, constraint.b
         if kind == ANGLE:
-            s, s1, s2 = law_at(m.law, m.knots, constraint.law, t)
+            s, s1, s2 = law_at(m, constraint.law, t)
             w.J[6 * r + 2], w.J[6 * r + 5] = 1.0, -1.0
             qa, va = (q[3 * a + 2], v[3 * a + 2]) if a >= 0 else (0.0, 0.0)
             qb, vb = (q[3 * b + 2], v[3 * b + 2]) if b >= 0 else (0.0, 0.0)
@@ -137,7 +141,7 @@ def constraints_at(m, w, t, q, v):
             continue
         arms = (rax, ray, rbx, rby)
         if kind == DISTANCE:
-            s, s1, s2 = law_at(m.law, m.knots, constraint.law, t)
+            s, s1, s2 = law_at(m, constraint.law, t)
             d = sqrt(dx * dx + dy * dy)
             ux, uy = dx / d, dy / d
             rate = ux * ex + uy * ey
@@ -150,7 +154,7 @@ def constraints_at(m, w, t, q, v):
         along_rate = ux * ex + uy * ey + omega * across
         along_gamma = ux * cx + uy * cy + 2.0 * omega * (ux * ey - uy * ex) - omega * omega * along
         if kind == AXIS:
-            s, s1, s2 = law_at(m.law, m.knots, constraint.law, t)
+            s, s1, s2 = law_at(m, constraint.law, t)
             row_along(w.J, r, ux, uy, arms, dx, dy)
             w.phi[r], w.phi_dot[r], w.gamma[r] = along - s, along_rate - s1, along_gamma - s2
             continue

@@ -49,8 +49,8 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
     from stiction.reference_impl.multibody import banded_systems, dynamics, kinematics, projection, trajectory_columns
 
     always = (event_driven._locate, event_driven._attempt, dynamics.row_form, right_hand_side.right_hand_side,
-              kinematics.law_at, integration_state._stages, event_driven._propose, event_driven._emit, event_driven._refresh,
-              event_driven.integrate, uniqueness.gain_of_mode)
+              kinematics.law_at, integration_state._stages, event_driven._propose, event_driven._emit,
+              event_driven._refresh, event_driven.integrate, uniqueness.gain_of_mode)
     rest = (trajectory_columns.write_sample, trajectory_columns.residual_norms, event_driven._commit,
             frozen_mode.solve_mode, *((projection.project, projection._correct) if projects else ()))
     if not friction:
@@ -59,10 +59,11 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
             contact_solvers.solve_contact, step_audit.audit, event_location.go_to_event, mode_switch.begin,
             event_location.zero_near_end, mode_switch.begin_mode, mode_choice._settle, uniqueness.has_several,
             uniqueness._count, mode_switch._come_to_rest, guides_at_rest.rest_together, guides_at_rest._are_independent,
-            uniqueness.friction_gain, guides_at_rest._rest_together, dynamics.unit_rows, banded_systems.open_cell, mode_switch._break_away, guides_at_rest.leave_together,
-            mode_switch._count_other_modes, mode_choice.other_modes,
-            mode_choice._other_modes, linear_algebra.eliminate_columns, lemke.lemke, hlcp._units, hlcp._scale,
-            hlcp._rescale, hlcp._violation, *rest, mode_choice.choose_mode, trajectory_columns.imbalance)
+            uniqueness.friction_gain, guides_at_rest._rest_together, dynamics.unit_rows, banded_systems.open_cell,
+            mode_switch._break_away, guides_at_rest.leave_together, mode_switch._count_other_modes,
+            mode_choice.other_modes, mode_choice._other_modes, linear_algebra.eliminate_columns, lemke.lemke,
+            hlcp._units, hlcp._scale, hlcp._rescale, hlcp._violation, *rest, mode_choice.choose_mode,
+            trajectory_columns.imbalance)
 
 
 def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:

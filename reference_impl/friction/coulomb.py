@@ -58,7 +58,7 @@ def capacity(m, f, R, T, d):
 
 @kernel
 def friction_coefficients(m, f, d, s1, s2, mu):
-    """c_R, c_T of f = c_R R + c_T T: (3) for a guide that slips with a coefficient mu; `capacity` is for one that sticks."""
+    """c_R, c_T of f = c_R R + c_T T: (3) for a guide that slips with a coefficient mu; `capacity` has that of stick."""
     guide = m.friction[f]
     k, a = -mu * d, guide.length
     if a == 0.0:

@@ -32,7 +32,7 @@ ALL = -1.0
 
 @kernel
 def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
-    """Row forces of the mode into w.force: reactions of joints, efforts of drives such as the driving torque, frictions.
+    """Row forces of the mode into w.force: reactions of joints, efforts of drives (driving torque), frictions.
 
     The mode is d in `slip` (0 for stick), s1 and s2 in the first columns of `corner`.
     False if the system was singular and solved in the minimum-norm sense; the forces are nan if it is contradictory.

@@ -20,8 +20,8 @@ TIE = 1e-12
 def lemke(M: Table, q: Reals, d: Reals) -> tuple[Reals, Reals, int, int]:
     """Solve the linear complementarity problem w = M z + q along the path w = M z + q + d z0, z0 -> 0.
 
-    w, z are y, x of (38): corner forces (1)-(2), surfaces at rest (7), (15), bilateral forces (29)-(30), in the order of
-    `hlcp`.
+    w, z are y, x of (38): corner forces (1)-(2), surfaces at rest (7), (15), bilateral forces (29)-(30); `hlcp` has
+    their order.
 
     `M` (n, n), or with more columns, which are not read; `q` (n,); `d` (n,): the covering vector, positive. Returns w,
     z, the outcome and the number of pivots. Outcomes are SOLVED; RAY: a secondary ray (for the matrices of Coulomb

@@ -1,7 +1,7 @@
 """Does it hold: creep under loads below the limit of static friction, and what happens at the limit.
 
-The truth of a held load is rest, derived in the source of each scene. Runs, settings and laws are data:
-``data/hold.toml``. What is beyond the limit, the break-away under a slow ramp and the motion until a stop, is compared
+The truth of a held load is rest, derived in the source of each scene. Runs, settings and laws are data
+(`hold_data`). What is beyond the limit, the break-away under a slow ramp and the motion until a stop, is compared
 with `stiction.comparisons.measures.scene_truth.ground_truth`.
 """
 
@@ -9,19 +9,15 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from importlib import resources
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from stiction.comparisons.campaigns.comparison import Comparison
 from stiction.comparisons.campaigns.participants import REFERENCE, variants
-from stiction.comparisons.depth import Depth
 from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
 from stiction.comparisons.measures.drift import ROUNDING
 from stiction.comparisons.measures.power_law import fitted_exponent
@@ -34,7 +30,8 @@ from stiction.comparisons.presentation import (CHOSEN, OTHER, Axis, Chart, Colum
                                                listed, sentence, traced, value, view)
 from stiction.comparisons.presentation.cells import AGAIN
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT, Subject
+from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT
+from stiction.comparisons.studies.hold_data import FORMS, load_data
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.timing.intervals import ratio_interval
 from stiction.comparisons.timing.visits import visit
@@ -46,7 +43,6 @@ from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import FIDELITIES, EngineFailure
 from stiction.engines.registry import OWN_METHODS, load_engine
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
-from stiction.scenes.fields import Model, Positive
 from stiction.scenes.wording import as_given
 
 PARAMETERS = ("part", "ramp", "v0", "limit", "mu", "mus")
@@ -91,81 +87,6 @@ NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its s
          "Where the adapter supplies the friction law, what creeps or lets go early may be ours. The load is there "
          "from the start: where mus > mu, a method that slips as it lands meets kinetic friction, which need not hold.",
          "At contact fidelity and for settings mus = mu: most engines' own contacts have one coefficient.")
-
-
-FORMS: Mapping[str, Callable[[Any, Any], Any]] = {
-    "linear_zone": lambda part, zone: part * zone,
-    "soft_norm": lambda part, tolerance: tolerance * part / np.sqrt(1.0 - part * part)}
-"""Creep at a part p of mu N by a law f = mu N g(v) that is zero at rest: g^-1(p), whatever mu and N are.
-
-`linear_zone` has g = v/zone (Exudyn's ``friction_zone``), `soft_norm` g = v/sqrt(v^2 + e^2): Drake's "lagged",
-"similar" and continuous contacts with e = ``stiction_tolerance`` (Castro, Han & Masterjohn 2023, "A theory of
-irrotational contact fields"). In discrete steps h this holds from e = 1e-3 w h mu N on, of a contact with the normal
-force N and the inverse mass w: below it that regularization, the only one of "sap", is the wider one.
-"""
-
-
-class Ramp(Model):
-    """Changed parameters of a ramp: from `part` of the limit, at the rate `ramp` (1/s), for `t_end` seconds."""
-
-    part: Positive
-    ramp: Positive
-    t_end: Positive
-
-
-class Stop(Model):
-    """The load of a stop, as a part of the limit, the first speed (m/s), and the seconds within which it rests."""
-
-    part: Positive
-    v0: Positive
-    landed: Positive
-
-
-class Runs(Model):
-    """The runs of a depth: scenes, loads, steps (s), whether ramp and stop are run, scenes on which settings are."""
-
-    scenes: tuple[str, ...]
-    loads: tuple[Positive, ...]
-    steps: tuple[Positive, ...]
-    moved: bool
-    settings: tuple[str, ...]
-
-
-class Law(Model):
-    """A law of the creep of a subject over one of its settings, from the value `least` on.
-
-    Either its `exponent`, or its `form`: one of `FORMS`.
-    """
-
-    subject: str
-    over: str
-    source: str
-    exponent: float | None = None
-    form: Literal["linear_zone", "soft_norm"] | None = None
-    least: float = 0.0
-
-    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
-        """Yield a law with both, or neither."""
-        if (self.exponent is None) == (self.form is None):
-            yield "form", self.form, "a form or an exponent"
-
-
-class Data(Model):
-    """Runs, settings and laws of the study; `regularization` is the setting with its speed, by engine and fidelity."""
-
-    ramp: Ramp
-    stop: Stop
-    depths: dict[Depth, Runs]
-    regularization: dict[str, str]
-    subjects: tuple[Subject, ...]
-    laws: tuple[Law, ...]
-
-
-@cache
-def load_data() -> Data:
-    """``data/hold.toml``."""
-    file = resources.files("stiction.comparisons") / "data" / "hold.toml"
-    return Data.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
 
 
 @dataclass(frozen=True)

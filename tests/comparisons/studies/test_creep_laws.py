@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stiction.comparisons.studies.hold import FORMS
+from stiction.comparisons.studies.hold_data import FORMS
 from stiction.engines import load_engine
 from stiction.scenes import scene_from_dict
 

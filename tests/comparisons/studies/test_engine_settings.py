@@ -19,7 +19,7 @@ from stiction.comparisons.studies.engine_settings import (DEFAULT, DRIFT, ERROR,
                                                           TIME_RATIO, TIME_RATIO_ENDS, against_defaults,
                                                           better_everywhere, drift_and_rounding, front, load_study,
                                                           plan, present, ranks_of_defaults)
-from stiction.comparisons.studies.hold import load_data
+from stiction.comparisons.studies.hold_data import load_data
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import HIGH, LOW, work_precision
 from stiction.comparisons.variants import OWN_CPU, Variant

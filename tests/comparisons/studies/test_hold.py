@@ -20,6 +20,7 @@ from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJE
 from stiction.comparisons.studies.hold import (BROKEN, CREEP, HELD, HOLDS, LOAD, OBEYED, OPEN, RAMP, SLOWER, STOP, TEST,
                                                UNSURE, changes, laws_table, measured, methods_table, plan, present,
                                                settings_table, true_slip, verdict)
+from stiction.comparisons.studies.hold_data import Law
 from stiction.comparisons.studies.study import Scope, union
 from stiction.comparisons.timing.visits import VisitTimes
 from stiction.comparisons.uncertain import Uncertain
@@ -356,4 +357,4 @@ def test_command(tmp_path, in_this_process):
 @pytest.mark.parametrize("wrong", [{"form": "soft_norm", "exponent": -1.0}, {}, {"exponent": -1.0, "last": 1.0}])
 def test_a_law_has_a_form_or_an_exponent_and_no_key_that_nobody_reads(wrong):
     with pytest.raises(ValueError, match="Law"):
-        hold.Law.model_validate({"subject": "mujoco, contact", "over": "impratio", "source": "manual", **wrong})
+        Law.model_validate({"subject": "mujoco, contact", "over": "impratio", "source": "manual", **wrong})

@@ -73,7 +73,7 @@ def assemble(m: Arrays, w: Workspace, slip: Integers,
         mt = -m.friction[f].mus if slip[f] == 0 else -m.friction[f].mu * slip[f]
         for k in range(corners):
             column = m.friction[f].pair + k
-            lever = (2 * k - 1) * half_a if corners == 2 else 0.0  # (26)
+            lever = (2 * k - 1) * half_a if corners == 2 else 0.0  # (26): S of F+, K = -S of F-
             E0[normal, column], E1[normal, column] = -1.0, 1.0
             E0[tangent, column], E1[tangent, column] = mt, mt
             if corners == 2:
@@ -157,7 +157,7 @@ def solve(m: Arrays, w: Workspace, slip: Integers,  # noqa: C901 - each way a so
     for compliance in (0.0, COMPLIANCE):
         A0, A1, b, E0, E1 = assemble(m, w, slip, compliance)
         _scale(A0, A1, b, row, unit_y, unit_x, right)
-        regular = eliminate_columns(A0, right, n, n + 1, n)
+        regular = eliminate_columns(A0, right, n, n + 1, n)  # (37): A0^-1 [A1, b]
         if regular:
             break
     if not regular:

@@ -22,7 +22,7 @@ def coefficients(alpha: float, beta: float) -> dict[str, float]:
 
 @kernel(inline=True)
 def required(m, w, r):
-    """Return what row r of J q'' must be."""
+    """Return what row r of J q'' must be: (25), (31)."""
     return -w.gamma[r] - m.baumgarte_2alpha * w.phi_dot[r] - m.baumgarte_beta2 * w.phi[r]
 
 

@@ -44,7 +44,7 @@ def test_what_is_timed_stays_here():
     table = comparison.make(isolated=by("elsewhere"), timed_by=by("here")).table
     assert list(table["status"]) == ["ok", "ok"] and (table["engine cpu [s]"] > 0).all()
     assert len(asked["elsewhere"]) == 2 and visit not in asked["elsewhere"]
-    assert asked["here"] == [visit] * 4
+    assert set(asked["here"]) == {visit} and len(asked["here"]) >= 4  # a disturbed visit is repeated
 
 
 @pytest.fixture

@@ -174,7 +174,7 @@ class Paper:
         J_CT, J_lr = J[self.CT], J[self.CR_D]
         n, lever = len(self.a), np.kron(self.width / 2, [1.0, -1.0])
         W_T = np.repeat(terms.W, 2, 0) + lever[:, None] * np.repeat(J_CT[1::2], 2, 0)            # (8)-(9)
-        correction = 2 * self.alpha * terms.phi_dot + self.beta ** 2 * terms.phi                 # (25)
+        correction = 2 * self.alpha * terms.phi_dot + self.beta ** 2 * terms.phi                 # (25), (31)
         w_T = np.repeat(terms.w, 2) + lever * np.repeat((terms.gamma + correction)[self.CT[1::2]], 2)
         stick = np.repeat(mode == 0, 2)
         V = np.eye(2 * n)[:, stick]                                                              # (11)

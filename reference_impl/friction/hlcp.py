@@ -146,7 +146,7 @@ def solve(m: Arrays, w: Workspace, slip: Integers,  # noqa: C901 - each way a so
         Row forces: multipliers and frictions.
     y, x : ndarray, shape (n,)
     outcome : int
-        Those of `lemke`; SINGULAR: A0 is singular, (36) cannot be made the LCP (37); NONE: no contact mode is consistent.
+        Those of `lemke`; SINGULAR: A0 is, and (36) cannot be made the LCP (37); NONE: no contact mode is consistent.
     rest : float
         Acceleration (m/s^2) up to which a stuck guide of this solution is at rest.
     """

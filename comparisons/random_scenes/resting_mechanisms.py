@@ -255,6 +255,7 @@ def _columns(motion: Motion, run: Trajectory, *names: str) -> np.ndarray:
 def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[float, str]]:
     """Forces jump at events: instants within ten times what an event may be shifted by are left out.
 
+    Of a motion that is shorter the place of rest alone is compared.
     With Baumgarte's stabilization the forces answer the drift, too: they may differ by `_answer`.
     """
     q = stacked(run.columns, motion.equations.scene.bodies, BODY_COLUMNS[0])
@@ -262,7 +263,7 @@ def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
     rows = [k for k, t in enumerate(run.t) if t < motion.rest and all(
         abs(t - event.time) > 10 * bound * (1 + 1 / event.rate) for event in motion.events)]
     true = [motion.at(run.t[k]) for k in rows]
-    size, load = max(1.0, np.max(np.abs(motion.q))), max(np.max(np.abs(force)) for _, force in true)
+    size, load = max(1.0, np.max(np.abs(motion.q))), max((np.max(np.abs(force)) for _, force in true), default=0.0)
     for k, (position, force) in zip(rows, true):
         away, other = np.max(np.abs(q[k] - position)), np.max(np.abs(forces[k] - force))
         yield away / (bound * size), f"position at {run.t[k]:.6g} s by {away:.2g}"

@@ -116,6 +116,17 @@ def test_reference_brings_a_thousand_mechanisms_to_rest(block):
     assert wrong == []
 
 
+def test_a_motion_shorter_than_what_events_may_be_shifted_by_is_judged_by_its_place_of_rest():
+    """It stops after 3.3 ms, by the closed form above; at rtol = 1e-6 an event may be shifted by 1 ms, ten times which is left out."""
+    scene = incline(20, 0.02)
+    motion = simulate(scene, scene.t_end)
+    assert motion.rest < 3.4e-3
+    for rtol, run in runs(scene, [1e-6]):
+        assert judge(scene, motion, run, rtol).outcome == AGREES
+        moved = replace(run, columns={**run.columns, "block.x": run["block.x"] + 2e-3})
+        assert judge(scene, motion, moved, rtol).outcome == OTHER_MOTION
+
+
 def test_each_fault_is_found(mechanism):
     """A run that agrees, with one thing wrong."""
     scene, motion = mechanism

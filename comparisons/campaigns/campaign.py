@@ -1,6 +1,6 @@
 """A campaign file: runs of every night, and the part of them that a check makes, as TOML validated like a scene.
 
-`nightly` makes the runs.
+`nightly` makes the runs of such a file:
 
     title = ".."
     scenes = ["slider-bar-case-1", "mine.toml"]     # of the catalogue, or files in the folder of this one

@@ -131,26 +131,28 @@ def columns(run: Examined) -> Iterator[str]:
             yield f"column {name}: {shape}; expected numbers of shape {found.t.shape}, one per time"
         elif not (finite := np.isfinite(values)).all() and not (run.stopped_at_once and name not in known):
             unknown[name] = ~finite
-    left_open = _left_open(run) if unknown else {}
+    left_open = _left_open(run, found.t, found.columns) if unknown else {}
     for name, bad in unknown.items():
         if (i := first(bad & ~left_open.get(name, False))) is not None:
             yield (f"column {name}: {found[name][i]} at t = {found.t[i]:.9g} s; expected finite numbers, or nan in "
                    "forces that the motion leaves open")
 
 
-def _left_open(run: Examined) -> dict[str, np.ndarray]:
+def _left_open(run: Examined, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Instants by column at which its force is nan, and the motion and the known frictions leave it open."""
     from stiction.reference_impl.multibody.reactions import recover_columns
 
-    found, left_open = run.found, dict[str, np.ndarray]()
+    left_open = dict[str, np.ndarray]()
     for part in run.parts:
-        motion = [stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS]
-        frictions = {f"{name}.friction": found[f"{name}.friction"] for name in part.guide_names}
+        if not all(f"{body}.x" in columns for body in part.body_names):
+            continue  # an event has the columns of its own part
+        motion = [stacked(columns, part.body_names, labels) for labels in BODY_COLUMNS]
+        frictions = {f"{name}.friction": columns[f"{name}.friction"] for name in part.guide_names}
         if any(np.isinf(values).any() for values in frictions.values()) or not np.isfinite(motion).all():
             continue
         q, v, a = motion
-        recovered = recover_columns(part.scene, found.t, q, v, a, frictions)
-        left_open |= {name: np.isnan(values) & np.isnan(found[name]) for name, values in recovered.items()}
+        recovered = recover_columns(part.scene, t, q, v, a, frictions)
+        left_open |= {name: np.isnan(values) & np.isnan(columns[name]) for name, values in recovered.items()}
     return left_open
 
 
@@ -177,8 +179,19 @@ def events(run: Examined) -> Iterator[str]:
                 unknown = sorted(map(str, values.keys() - found.columns.keys()))
                 yield f"{where}: {side} has {names(unknown[:_SHOWN])}; expected columns of the trajectory"
             elif not _all_numbers(values.values()):
-                name = next(name for name, value in values.items() if not is_number(value))
-                yield f"{where}: {side}, {name} = {described(values[name])}; expected finite numbers"
+                left_open = _left_open_at(run, event.time, values)
+                name = next((name for name, value in values.items() if not is_number(value) and name not in left_open),
+                            None)
+                if name is not None:
+                    yield f"{where}: {side}, {name} = {described(values[name])}; expected finite numbers"
+
+
+def _left_open_at(run: Examined, t: float, values: Mapping[str, float]) -> set[str]:
+    """Columns of a side of an event whose force is nan, and is left open there."""
+    if not all(is_number(value) or isinstance(value, float) and math.isnan(value) for value in values.values()):
+        return set()
+    columns = {name: np.array([value], dtype=float) for name, value in values.items()}
+    return {name for name, flags in _left_open(run, np.array([t]), columns).items() if flags[0]}
 
 
 def _all_numbers(values: Collection[Any]) -> bool:

@@ -131,6 +131,10 @@ class Trajectory:
         ``"end"`` when t_end was reached; otherwise why the solver stopped earlier.
     breakdown : Breakdown, optional
         The same in data, where the engine knows it.
+    alternatives : Mapping[str, ndarray]
+        By the name of a column, shape (n, k): all values of a force that Coulomb's law allows for the same motion, where
+        there are several. The column is NaN there, this is NaN elsewhere and behind the last value. Empty where all
+        forces are determined, and for engines that do not look for other solutions.
     mechanism : Scene, optional
         Added by `Engine.simulate`; None for one of a run folder, which cannot be drawn.
     """
@@ -146,6 +150,7 @@ class Trajectory:
     cost: Cost = field(default_factory=Cost)
     termination: str = "end"
     breakdown: Breakdown | None = None
+    alternatives: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
     mechanism: Scene | None = field(default=None, compare=False)
 
     def __repr__(self) -> str:

@@ -138,8 +138,8 @@ class ReferenceEngine(Engine):
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t[:rows],
             columns={name: values[:rows] for name, values in run.columns.items()}, events=run.events, cost=cost,
-            termination=run.termination,
-            breakdown=run.breakdown,
+            termination=run.termination, breakdown=run.breakdown,
+            alternatives={name: values[:rows] for name, values in run.alternatives.items()},
             settings={**scale, "method": chosen["method"], "solver": chosen["solver"],
                       "stabilization": parts[0].stabilization,
                       "friction_law": self.capabilities.friction_law["joint"], "hyperstatic_split": _SPLIT})
@@ -189,7 +189,8 @@ def output_times(t_end: float, step: float) -> np.ndarray:
 
 def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int) -> Run:
     """The paper's scheme as written, as a run; SceneError for what the paper does not have."""
-    from stiction.reference_impl.integration.result import Run
+    from stiction.reference_impl.friction.open_forces import open_forces
+    from stiction.reference_impl.integration.result import Run, alternative_columns
     from stiction.reference_impl.multibody.trajectory_columns import build_columns
     from stiction.reference_impl.paper import March, Paper
     from stiction.scenes.trajectory import rows_of
@@ -202,15 +203,19 @@ def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, s
     order = [paper.equations.rows.index(name) for name in mechanism.row_names]
     order += range(len(order), march.force.shape[1])
 
-    def columns(part: March, every: int = 1) -> dict[str, np.ndarray]:
-        return build_columns(mechanism, *(values[::every] for values in (part.t, part.q, part.v, part.a,
-                                                                         part.force[:, order], part.mode)))
+    def columns(part: March, every: int = 1) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        t, q, v, a, force, slip = (values[::every] for values in (part.t, part.q, part.v, part.a, part.force[:, order],
+                                                                  part.mode))
+        opened = open_forces(mechanism, t, q, v, force, slip)
+        built = build_columns(mechanism, t, q, v, a, opened.force, slip)
+        return built, alternative_columns(mechanism, opened, len(t), built)
 
-    sides = rows_of(columns(march.sides)) if march.sides else []
+    sides = rows_of(columns(march.sides)[0]) if march.sides else []
     events = tuple(Event(instant, kind, mechanism.guide_names[guide], sides[2 * i], sides[2 * i + 1])
                    for i, (instant, kind, guide) in enumerate(march.events))
+    motion, alternatives = columns(march, every)
     cost = Cost(prepared - started, 0.0, stepped - prepared, {"steps": len(march.t) - 1, "events": len(events)})
-    return Run(march.t[::every], columns(march, every), events, cost, march.breakdown)
+    return Run(march.t[::every], motion, events, cost, march.breakdown, alternatives)
 
 
 @cache

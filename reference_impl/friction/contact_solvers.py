@@ -15,8 +15,9 @@ from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Real
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction import hlcp
-from stiction.reference_impl.friction.coulomb import coefficient, corner_forces
+from stiction.reference_impl.friction.coulomb import coefficient, corner_forces, sticks
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
+from stiction.reference_impl.friction.open_forces import take_least_forces
 from stiction.reference_impl.friction.outcomes import MODE_LIMIT, NONE, SIGN_CYCLE, SOLVED
 from stiction.reference_impl.friction.solver_names import AUTOMATIC, ENUMERATION, LEMKE, TRIAL
 from stiction.reference_impl.friction.trial_and_error import trial_and_error
@@ -56,6 +57,8 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable,
         copy(force, w.force)
         if outcome == SOLVED:
             hlcp.read(m, w, slip, force, y, x, accelerate, corner)
+            if m.unfree > 0:
+                take_least_forces(m, w, slip, corner)
         return outcome, rest
     if w.solver == ENUMERATION:
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, nf), dtype=np.int64)
@@ -70,6 +73,8 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable,
             corner[f, 0], corner[f, 1] = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
     for f in range(nf):
         accelerate[f] = 0.0
-        if slip[f] == 0 and direction[f] != 0:
+        if sticks(m, slip, f) and direction[f] != 0:
             accelerate[f] = row_acceleration(w, m.rows + f, w.force)
+    if outcome == SOLVED and m.unfree > 0:
+        take_least_forces(m, w, slip, corner)
     return outcome, 0.0

@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.multibody.guide_freedom import FREE
 
 
 @kernel
@@ -44,9 +45,21 @@ def corner_forces(guide, R, T, kappa):
 
 
 @kernel
+def sticks(m, slip, f):
+    """Return True for a guide at rest whose friction is an unknown that holds it there.
+
+    A guide that no freedom moves (`guide_freedom`) is at rest by its joints or drives. Its friction is not determined;
+    zero is always within Coulomb's cone, and is what the equations take (`open_forces` says what a run reports).
+    """
+    return slip[f] == 0 and m.friction[f].freedom == FREE
+
+
+@kernel
 def coefficient(m, f, slip):
-    """Coefficient of a slip: static for a guide that was at rest, of `slip` 0; `mode_choice` decides which slip."""
-    return m.friction[f].mus if slip[f] == 0 else m.friction[f].mu
+    """Coefficient of a slip: static for a guide that sticks, of `slip` 0; `mode_choice` decides which slip."""
+    if slip[f] != 0:
+        return m.friction[f].mu
+    return m.friction[f].mus if m.friction[f].freedom == FREE else 0.0
 
 
 @kernel

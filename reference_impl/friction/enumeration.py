@@ -13,7 +13,8 @@ from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Real
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.coulomb import capacity, coefficient, corner_forces, friction_coefficients
+from stiction.reference_impl.friction.coulomb import (capacity, coefficient, corner_forces, friction_coefficients,
+                                                      sticks)
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, largest_speed, row_acceleration
 from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Workspace
 
@@ -24,7 +25,7 @@ SLACK = 1e-10
 """Wrong sign of a force (measured as in `dynamics.largest_force`), or of an acceleration, relative to the largest, that
 counts as zero."""
 SAME = 1e-6
-"""Difference of accelerations, relative to the largest, up to which two modes are one solution: at a tie of signs two
+"""Difference of accelerations or forces, relative to the largest, up to which two modes are one solution: at a tie of signs two
 modes give the same forces to rounding, and a hyperstatic friction splits without influence on the motion."""
 
 
@@ -34,17 +35,20 @@ def modes(m, slip):
     total = 1.0
     for f in range(len(m.friction)):
         signs = 4.0 if m.friction[f].length > 0.0 else 2.0
-        total *= 1.0 + 2.0 * signs if slip[f] == 0 else signs
+        if sticks(m, slip, f):
+            total *= 1.0 + 2.0 * signs
+        elif slip[f] != 0:
+            total *= signs
     return total
 
 
 @kernel(allocates=True)
 def solutions(m: Arrays, w: Workspace, slip: Integers, forces: Table, directions: IntegerTable,
-              compliance: float = 0.0, limit: int = LIMIT) -> int:
+              compliance: float = 0.0, limit: int = LIMIT, by_force: bool = False) -> int:
     """The consistent contact modes of the rows in the workspace; the static coefficient holds for every guide at rest.
 
     `slip` and `compliance` as in `hlcp.assemble`. `forces`, (k, rows + frictional), receives the row forces of the
-    first k solutions whose accelerations differ; the search ends with the k-th. `directions`, (k, frictional), receives
+    first k solutions whose accelerations differ or, if told `by_force`, whose row forces do; the search ends with the k-th. `directions`, (k, frictional), receives
     the direction in which each guide slips or begins to; 0 for one that stays at rest. Returns the number of solutions
     found, of those whose linear system is regular; TOO_MANY of more than `limit` modes.
     """
@@ -63,7 +67,11 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, forces: Table, directions
         if revise(m, w, slip, direction, signs, force) != NO_GUIDE:
             continue
         acceleration(m, w, force, motion)
-        if _is_new(m, motion, known[:found], SLACK * _largest_term(m, w, force)):
+        if by_force:
+            is_new = _is_new_force(w, force, forces[:found])
+        else:
+            is_new = _is_new(m, motion, known[:found], SLACK * _largest_term(m, w, force))
+        if is_new:
             copy(force, forces[found])
             copy(direction, directions[found])
             copy(motion, known[found])
@@ -79,7 +87,9 @@ def _decode(m, code, slip, direction, signs):
     for f in range(len(m.friction)):
         count = 4 if m.friction[f].length > 0.0 else 2
         direction[f] = slip[f]
-        if slip[f] == 0:
+        if slip[f] == 0 and not sticks(m, slip, f):
+            choice = 0  # without friction: any signs will do
+        elif slip[f] == 0:
             choice, code = code % (1 + 2 * count), code // (1 + 2 * count)
             direction[f] = 0 if choice == 0 else 1 if choice <= count else -1
             choice = max(choice - 1, 0) % count
@@ -100,6 +110,16 @@ def _largest_term(m: Arrays, w: Workspace, force: Reals) -> float:
     return largest_speed(m, terms)
 
 
+@kernel(allocates=True)
+def is_same_motion(m: Arrays, w: Workspace, one: Reals, other: Reals) -> bool:
+    """Return True where two sets of row forces give the same accelerations."""
+    motion, known = np.zeros(len(m.inverse_mass)), np.zeros((1, len(m.inverse_mass)))
+    acceleration(m, w, one, motion)
+    acceleration(m, w, other, known[0])
+    rounding = SLACK * max(_largest_term(m, w, one), _largest_term(m, w, other))
+    return not _is_new(m, motion, known, rounding)
+
+
 @kernel
 def _is_new(m, motion, known, rounding):
     """Return True for an acceleration that is none of those known.
@@ -118,6 +138,20 @@ def _is_new(m, motion, known, rounding):
 
 
 @kernel
+def _is_new_force(w, force, known):
+    """Return True for row forces that are none of those known, each measured as in `dynamics.largest_force`."""
+    for i in range(len(known)):
+        difference, size = 0.0, 0.0
+        for r in range(len(force)):
+            unit = np.sqrt(w.G[r, r])
+            difference = max(difference, unit * abs(force[r] - known[i, r]))
+            size = max(size, unit * abs(force[r]), unit * abs(known[i, r]))
+        if difference <= SAME * size:
+            return False
+    return True
+
+
+@kernel
 def fill(m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: IntegerTable, A: Table, force: Reals,
          compliance: float) -> None:
     """The system of a mode: constraint rows, and of each guide its tangential row (rest) or its law of slip."""
@@ -128,7 +162,7 @@ def fill(m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: In
             A[r, c] = w.G[r, c]
         A[r, r] += compliance * w.G[r, r]
     for f in range(len(m.friction)):
-        if direction[f] == 0:
+        if direction[f] == 0 and sticks(m, slip, f):
             continue
         row = m.friction[f].row
         c_R, c_T = friction_coefficients(m, f, direction[f], signs[f, 0], signs[f, 1], coefficient(m, f, slip))
@@ -161,6 +195,8 @@ def revise(m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: 
         guide, d, changed = m.friction[f], direction[f], False
         floor = SLACK * largest / np.sqrt(w.G[guide.row, guide.row])
         R, T, friction = force[guide.row], force[guide.row + 1], force[nr + f]
+        if d == 0 and not sticks(m, slip, f):
+            continue
         if d == 0:
             if capacity(m, f, R, T, 1.0) + friction < -floor:
                 direction[f] = 1

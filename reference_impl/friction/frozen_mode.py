@@ -20,7 +20,7 @@ from stiction.reference_impl.compiled.bundle import Integers, IntegerTable
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIMINATION, RANK_TOLERANCE, eliminate,
                                                              minimum_norm, solve_in_place)
-from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients
+from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients, sticks
 from stiction.reference_impl.multibody import baumgarte
 from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row, solve_cell
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
@@ -40,7 +40,7 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
     if len(m.cell):
         return solve_cells(m, w, slip, slip, corner, False)
     nr, nf = m.rows, len(m.friction)
-    n = _fill(m, w, slip, corner)
+    n = fill_mode(m, w, slip, corner)
     regular = eliminate(w.A, w.x, w.unit, n, n, RANK_TOLERANCE if nf > 0 else ELIMINATION)
     if not regular and nf == 0:
         shortest_forces(m, w)
@@ -49,7 +49,7 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
         if baumgarte.is_used(m) and n > nr and pivots_are_above(m, w, RANK_TOLERANCE):
             for r in range(nr):
                 baumgarte.leave_out(w, r)
-        _fill(m, w, slip, corner)
+        fill_mode(m, w, slip, corner)
         if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
             for i in range(n):
                 w.x[i] = np.nan
@@ -58,6 +58,8 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
     for f in range(nf):
         if slip[f] != 0:
             w.force[nr + f] = friction_of(m, f, slip, corner, w.force)
+        elif not sticks(m, slip, f):
+            w.force[nr + f] = 0.0
     return regular
 
 
@@ -86,7 +88,7 @@ def solve_cells(m: Arrays, w: Workspace, slip: Integers, direction: Integers, co
                 return False
             all_regular, rests = False, False
             for k in range(n):
-                rests = rests or m.order[first + k] >= m.rows and slip[m.order[first + k] - m.rows] == 0
+                rests = rests or m.order[first + k] >= m.rows and sticks(m, slip, m.order[first + k] - m.rows)
             if rests and baumgarte.is_used(m) and solve_cell(m, w, c, w.phi, 0.0, slip, False):
                 for k in range(n):
                     if m.order[first + k] < m.rows:
@@ -113,6 +115,9 @@ def _fill_cell(m, w, c, slip, direction, corner, reach):
             c_R, c_T = friction_coefficients(m, f, direction[f], corner[f, 0], corner[f, 1], mu)
             friction_row(m, w, w.A, f, n, reach, c_R, c_T)
             w.x[k] = 0.0
+        elif f >= 0 and not sticks(m, slip, f):
+            friction_row(m, w, w.A, f, n, reach, 0.0, 0.0)
+            w.x[k] = 0.0
     return n
 
 
@@ -124,7 +129,7 @@ def held_rows(m, w, slip, released):
     """
     n = 0
     for r in range(m.rows + len(m.friction)):
-        if r < m.rows or slip[r - m.rows] == 0 and not released:
+        if r < m.rows or not released and sticks(m, slip, r - m.rows):
             w.held[n] = r
             n += 1
     for i in range(n):
@@ -134,7 +139,7 @@ def held_rows(m, w, slip, released):
 
 
 @kernel(inline=True)
-def _fill(m, w, slip, corner):
+def fill_mode(m, w, slip, corner):
     """The system of the mode into w.A, w.x: constraint rows, then the tangential rows of stuck guides; its size."""
     n = held_rows(m, w, slip, False)
     for i in range(n):
@@ -176,7 +181,7 @@ def choose_branches(m, w, slip, corner, least):
     """
     changed = False
     for f in range(len(m.friction)):
-        if slip[f] != 0 or most_capacity(m, w, f) <= least:
+        if not sticks(m, slip, f) or most_capacity(m, w, f) <= least:
             continue
         R, T = w.force[m.friction[f].row], w.force[m.friction[f].row + 1]
         for k in range(2):
@@ -203,6 +208,9 @@ def event_functions(m, w, slip, corner):
         r = m.friction[f].row
         R, T = w.force[r], w.force[r + 1]
         e = 3 * f
+        if slip[f] == 0 and not sticks(m, slip, f):
+            w.event[e], w.event[e + 1], w.event[e + 2] = 1.0, 1.0, 1.0
+            continue
         if slip[f] == 0:
             friction = w.force[m.rows + f]
             w.event[e] = _branch(m, f, R, T, 1.0, corner[f, 0], corner[f, 1]) + friction

@@ -22,8 +22,10 @@ from stiction.reference_impl.compiled.bundle import Flags, Integers, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, RANK_TOLERANCE, solve_in_place
 from stiction.reference_impl.compiled.loops import product, subtract, taken
+from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells, fill_cell
 from stiction.reference_impl.multibody.dynamics import largest_speed, roots_of_mobility, unit_rows
+from stiction.reference_impl.multibody.guide_freedom import FREE
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 DEPENDENT = 1e-6
@@ -68,12 +70,14 @@ def _rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals)
     for r in range(len(row)):
         of_row = w.slip_speed[r - m.rows] if r >= m.rows else w.phi_dot[m.origin[r] if len(m.origin) else r]
         rate[r] = of_row / size[r]
-        if (r < m.rows or held[r - m.rows]) and _left(row, rate, basis, count, r) > DEPENDENT:
+        if (r < m.rows or held[r - m.rows] and m.friction[r - m.rows].freedom == FREE) and _left(row, rate, basis, count, r) > DEPENDENT:
             _admit(row, rate, basis, count, r)
             count, admitted[r] = count + 1, True
     found, several = np.zeros(len(held), dtype=np.bool_), False
     for f in range(len(m.friction)):
         t = m.rows + f
+        if m.friction[f].freedom != FREE:
+            continue  # joints or drives decide whether it rests
         if not held[f]:
             found[f] = _left(row, rate, basis, count, t) <= DEPENDENT and abs(rate[t]) * size[t] <= DRIVEN * speed
         several = several or found[f] or held[f] and not admitted[t]
@@ -102,7 +106,7 @@ def leave_together(m: Arrays, w: Workspace, direction: Integers, firmness: Reals
         own_slip, looked, independent = taken(slip, guides), False, False
         for f in range(len(guides)):
             leaves = direction[guides[f]]
-            if own_slip[f] != 0 or leaves == 0:
+            if leaves == 0 or not sticks(own_m, own_slip, f):
                 continue
             own_slip[f] = leaves
             if len(guides) == 1:
@@ -123,7 +127,7 @@ def _take_along(m: Arrays, w: Workspace, guide: int, direction: int, firmness: R
     rate, basis, count, t = np.zeros(len(row)), np.zeros(len(row), dtype=np.int64), 0, m.rows + guide
     for f in range(len(m.friction)):
         along = product(row[t], row[m.rows + f])
-        if slip[f] == 0 and along * along >= 1.0 - RANK_TOLERANCE:
+        if sticks(m, slip, f) and along * along >= 1.0 - RANK_TOLERANCE:
             # on one line, as where a drive moves both
             slip[f] = direction if along > 0.0 else -direction
     for r in range(m.rows):
@@ -136,7 +140,7 @@ def _take_along(m: Arrays, w: Workspace, guide: int, direction: int, firmness: R
     for _ in range(len(slip)):
         f = -1
         for other in range(len(slip)):
-            if slip[other] == 0 and not seen[other] and (f < 0 or firmness[other] > firmness[f]):
+            if sticks(m, slip, other) and not seen[other] and (f < 0 or firmness[other] > firmness[f]):
                 f = other
         if f < 0:
             return

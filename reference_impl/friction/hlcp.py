@@ -23,11 +23,12 @@ from stiction.reference_impl.compiled.bundle import Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, add_shortest, eliminate_columns
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.coulomb import coefficient, corner_forces, mobilization
+from stiction.reference_impl.friction.coulomb import coefficient, corner_forces, mobilization, sticks
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions, solve_mode
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import NONE, RAY, SINGULAR, SOLVED
+from stiction.reference_impl.friction.shared_rest import share_rest
 from stiction.reference_impl.friction.solver_names import LEMKE
 from stiction.reference_impl.multibody.dynamics import largest_force, row_acceleration
 from stiction.reference_impl.multibody.mechanism import ANGLE, REVOLUTE, Arrays, Workspace
@@ -70,7 +71,8 @@ def assemble(m: Arrays, w: Workspace, slip: Integers,
         corners, normal, tangent = m.friction[f].corners, m.friction[f].row, nr + f
         half_a, half_b = 0.5 * m.friction[f].length, 0.5 * m.friction[f].width
         # mt = mubar - V muH, (3) and (11): friction per unit of normal force before lH+ is added
-        mt = -m.friction[f].mus if slip[f] == 0 else -m.friction[f].mu * slip[f]
+        mu = coefficient(m, f, slip)
+        mt = -mu if slip[f] == 0 else -mu * slip[f]
         for k in range(corners):
             column = m.friction[f].pair + k
             lever = (2 * k - 1) * half_a if corners == 2 else 0.0  # (26): S of F+, K = -S of F-
@@ -80,8 +82,8 @@ def assemble(m: Arrays, w: Workspace, slip: Integers,
                 E0[normal + 1, column], E1[normal + 1, column] = -lever - half_b * mt, lever + half_b * mt
             if slip[f] == 0:
                 # (17): lH+ + lH- = 2 muH FN, of FN = H F+ + G F-, (4) and (10), the part of this corner
-                A1[g + surfaces, column] = 2.0 * m.friction[f].mus
-                A0[g + surfaces + 1, column] = -2.0 * m.friction[f].mus
+                A1[g + surfaces, column] = 2.0 * mu
+                A0[g + surfaces + 1, column] = -2.0 * mu
         for surface in range(2 if slip[f] == 0 else 0):
             E1[tangent, g] = 1.0  # lambda_H = lH+ - muH FN, (6) and (14)
             if corners == 2:
@@ -326,10 +328,10 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
 
 @kernel(allocates=True)
 def _share(m: Arrays, w: Workspace, slip: Integers, y: Reals, x: Reals, unit_y: Reals, unit_x: Reals) -> None:
-    """Shortest row forces where all guides at rest stay there, in place, if they are within the capacities.
+    """The share of `shared_rest` where all guides at rest stay there, in place, if it is within the capacities.
 
-    They are the solution of a hyperstatic stick that depends neither on the order of constraints nor on
-    units. y, x in the units of `_units`.
+    It is the solution of a hyperstatic stick that depends neither on the order of constraints nor on masses. y, x in
+    the units of `_units`.
     """
     nf, surfaces, largest = len(m.friction), _surfaces(slip), 0.0
     for j in range(len(y)):
@@ -343,6 +345,7 @@ def _share(m: Arrays, w: Workspace, slip: Integers, y: Reals, x: Reals, unit_y: 
     solve_mode(m, w, slip, corner)
     choose_branches(m, w, slip, corner, ALL)
     event_functions(m, w, slip, corner)
+    share_rest(m, w, slip, corner)
     largest, admissible = largest_force(m, w, w.force), True
     for r in range(len(w.force)):
         admissible = admissible and np.isfinite(w.force[r])
@@ -412,7 +415,7 @@ def read(m, w, slip, force, y, x, accelerate, corner):
             corner[f, k] = -1 if y[column] > x[column] else 1
         accelerate[f] = 0.0
         if slip[f] == 0:
-            if y[g] != x[g + surfaces]:
+            if y[g] != x[g + surfaces] and sticks(m, slip, f):
                 accelerate[f] = row_acceleration(w, m.rows + f, force)
             if accelerate[f] * force[m.rows + f] > 0.0:
                 accelerate[f] = 0.0

@@ -14,7 +14,8 @@ from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTabl
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy, taken
 from stiction.reference_impl.friction.contact_solvers import solve_contact
-from stiction.reference_impl.friction.coulomb import can_jam
+from stiction.reference_impl.friction.coulomb import can_jam, sticks
+from stiction.reference_impl.friction.driven_guides import follow_drives
 from stiction.reference_impl.friction.guides_at_rest import leave_together
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
 from stiction.reference_impl.friction.uniqueness import has_several
@@ -43,6 +44,8 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
             slip[f] = 0
         elif rest_speed[f] != LEAVES:
             slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
+    if m.unfree > 0:
+        follow_drives(m, w, slip)
     for c in range(count_cells(m)):
         own_m, own_w, guides = cell_of(m, w, c)
         if not len(guides):
@@ -75,7 +78,7 @@ def _settle(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> in
         leaving = False
         for f in range(nf):
             firmness[f], direction[f] = -abs(accelerate[f]), 0
-            if slip[f] == 0 and abs(accelerate[f]) > rest:
+            if sticks(m, slip, f) and abs(accelerate[f]) > rest:
                 if can_jam(m, f):
                     return JAM
                 leaving, direction[f] = True, 1 if accelerate[f] > 0.0 else -1

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 (SOLVED, RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, SIGN_CYCLE, MODE_LIMIT, CHATTER, STEP_TOO_SMALL, NOT_FINITE,
- STEP_LIMIT, CRAWL, ROOM, JAM, AUDIT, REPEAT) = range(17)
+ STEP_LIMIT, CRAWL, ROOM, JAM, AUDIT, REPEAT, UNBOUNDED, SELF_LOCKING, ILL_CONDITIONED) = range(20)
 """SOLVED: a solution, and for an integration the end of its time. ROOM: an integration's log is full. REPEAT: a step
-was rejected, and is to be made anew."""
+was rejected, and is to be made anew. UNBOUNDED, SELF_LOCKING and ILL_CONDITIONED are no outcomes of a kernel: they say
+why it found none (`result.breakdown_of`)."""
 DONE = SOLVED
 
 BREAKDOWNS = {
@@ -31,6 +32,12 @@ BREAKDOWNS = {
                  "no finite forces or state: constraints that contradict each other, as in a singular position left or "
                  "met on "
                  "another branch of motion, a distance that is driven to zero, or an unstable step"),
+    UNBOUNDED: ("jam", "the mechanism jams: the normal force of the guide grows without bound, and no effort of the "
+                       "drives overcomes its friction beyond"),
+    SELF_LOCKING: ("no solution", "the mechanism is self-locking: no effort of the drives gives forces that obey "
+                                  "Coulomb's law in the motion that they prescribe"),
+    ILL_CONDITIONED: ("not finite", "no finite forces or state: masses, or inertias over the square of the largest "
+                                    "lever, differ by more than 1e9, and rounding is as large as the forces"),
     STEP_LIMIT: ("step limit", "step limit reached"),
     CRAWL: ("crawl", "the steps hardly move time: the forces are not smooth here, as near a singular position"),
 }

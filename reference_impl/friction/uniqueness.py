@@ -18,7 +18,7 @@ from stiction.reference_impl.compiled.bundle import Integers
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate_columns
 from stiction.reference_impl.compiled.loops import taken
-from stiction.reference_impl.friction.coulomb import normal_load
+from stiction.reference_impl.friction.coulomb import normal_load, sticks
 from stiction.reference_impl.friction.enumeration import TOO_MANY, solutions
 from stiction.reference_impl.friction.frozen_mode import held_rows
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
@@ -41,7 +41,7 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
     if not (_respond(m, w, slip, released, 0.0) or _respond(m, w, slip, released, COMPLIANCE)):
         return worst, where
     for f in range(len(m.friction)):
-        if slip[f] == 0 and not released:
+        if not _may_slip(m, slip, f, released):
             continue
         guide = m.friction[f]
         normal, moment = guide.row, guide.row + 1
@@ -50,7 +50,7 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
         mu = guide.mu if slip[f] != 0 else guide.mus
         gain, column = 0.0, 0
         for j in range(len(m.friction)):
-            if slip[j] == 0 and not released:
+            if not _may_slip(m, slip, j, released):
                 continue
             R, T = w.response[normal, column], w.response[moment, column]
             load = normal_load(guide, R, T, -mu if slip[f] >= 0 else mu)
@@ -61,6 +61,12 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
         if where == NO_GUIDE or gain > worst:
             worst, where = gain, f
     return worst, where
+
+
+@kernel
+def _may_slip(m, slip, f, released):
+    """Return True for a guide whose friction follows its load: one that slips or, if `released`, sticks."""
+    return slip[f] != 0 or released and sticks(m, slip, f)
 
 
 @kernel
@@ -75,7 +81,7 @@ def _respond(m, w, slip, released, compliance):
     for r in range(m.rows):
         w.A[r, r] += compliance * w.G[r, r]
     for j in range(len(m.friction)):
-        if slip[j] != 0 or released:
+        if _may_slip(m, slip, j, released):
             for i in range(n):
                 w.response[i, columns] = -w.G[w.held[i], m.rows + j]
             columns += 1
@@ -91,8 +97,9 @@ def _respond_banded(m: Arrays, w: Workspace, slip: Integers, released: bool, com
         place = m.position[r]
         w.A[place, place] *= 1.0 + compliance
     for f in range(len(m.friction)):
-        if slip[f] != 0 or released:
+        if not sticks(m, slip, f) or released:
             friction_row(m, w, w.A, f, size, band, 0.0, 0.0)
+        if _may_slip(m, slip, f, released):
             t = m.rows + f
             for r in range(size):
                 w.response[r, columns] = 0.0
@@ -112,7 +119,7 @@ def gain_of_mode(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
         own_m, own_w, guides = cell_of(m, w, c)
         own_slip, ways = taken(slip, guides), min(1, len(guides))
         for f in range(len(guides)):
-            ways = 2 if own_slip[f] == 0 else ways
+            ways = 2 if sticks(own_m, own_slip, f) else ways
         for way in range(ways):  # guides at rest are held, then released
             gain, guide = friction_gain(own_m, own_w, own_slip, way == 1)
             if gain > worst or where == NO_GUIDE and guide != NO_GUIDE and way == 0:

@@ -18,7 +18,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate
-from stiction.reference_impl.friction.coulomb import friction_coefficients
+from stiction.reference_impl.friction.coulomb import friction_coefficients, sticks
 from stiction.reference_impl.friction.frozen_mode import friction_of
 from stiction.reference_impl.multibody import baumgarte
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
@@ -36,7 +36,7 @@ def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
     n, nr, nf = len(m.inverse_mass), m.rows, len(m.friction)
     column, size = np.zeros(nf, dtype=np.int64), n + nr
     for f in range(nf):
-        if slip[f] == 0:
+        if sticks(m, slip, f):
             column[f] = size
             size += 1
     A, x, unit = np.zeros((size, size)), np.zeros(size), np.zeros(2 * size)
@@ -45,17 +45,17 @@ def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
     for r in range(nr):
         x[n + r] = baumgarte.required(m, w, r)
     for f in range(nf):
-        if slip[f] == 0:
+        if sticks(m, slip, f):
             x[column[f]] = -w.gamma[nr + f]
     for b in range(len(m.block)):
         at, row, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
         g = row - nr
         for c in range(3):
-            if g < 0 or slip[g] == 0:
+            if g < 0 or sticks(m, slip, g):
                 j = n + row if g < 0 else column[g]
                 A[j, k + c] += w.J[at + c]
                 A[k + c, j] -= w.J[at + c]
-            else:
+            elif slip[g] != 0:
                 normal = n + m.friction[g].row
                 c_R, c_T = friction_coefficients(m, g, slip[g], corner[g, 0], corner[g, 1], m.friction[g].mu)
                 A[k + c, normal] -= c_R * w.J[at + c]
@@ -67,8 +67,10 @@ def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
     for r in range(nr):
         w.force[r] = x[n + r]
     for f in range(nf):
-        if slip[f] == 0:
+        if sticks(m, slip, f):
             w.force[nr + f] = x[column[f]]
-        else:
+        elif slip[f] != 0:
             w.force[nr + f] = friction_of(m, f, slip, corner, w.force)
+        else:
+            w.force[nr + f] = 0.0
     return True

@@ -18,6 +18,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Reals
 from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
+from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.friction.outcomes import (AUDIT, CRAWL, DONE, NOT_FINITE, REPEAT, ROOM, SEVERAL,
                                                        STEP_LIMIT, STEP_TOO_SMALL)
 from stiction.reference_impl.friction.solver_names import AUTOMATIC, named
@@ -308,7 +309,7 @@ def _project(m, w, s, has_rows):
         position, velocity = max(position, abs(w.phi[r])), max(velocity, abs(w.phi_dot[r]))
     holds = False
     for f in range(len(m.friction)):
-        if s.slip[f] == 0:
+        if sticks(m, s.slip, f):
             holds, velocity = True, max(velocity, abs(w.slip_speed[f]))
     if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * speed:
         return False
@@ -393,13 +394,16 @@ class Integration:
             samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
         events_of_run = [np.concatenate(parts) for parts in zip(*logged)]
         first = np.searchsorted(events_of_run[0], options.events_behind, side="right")
-        columns, events = columns_and_events(
+        columns, events, alternatives = columns_and_events(
             mechanism, [part[:reached] for part in samples], [part[first:] for part in events_of_run], options.names,
             options.sides, self._task.first_step)
+        if code in (NOT_FINITE, STEP_TOO_SMALL, CRAWL):
+            # the workspace has the rows of a stage that failed: those of the last state tell why
+            row_form(m, w, float(progress["time"]), s.y[:n], s.y[n:])
         breakdown = breakdown_of(code, float(progress["time"]), mechanism, w, s.slip, s.corner,
                                  (float(progress["speed"]) or 1.0, float(progress["force"]) or 1.0))
         cost = Cost(self._setup_s + prepared - started, 0.0, stepped - prepared, named(w.counters))
-        return Run(output[:reached], columns, events, cost, breakdown)
+        return Run(output[:reached], columns, events, cost, breakdown, alternatives)
 
 
 def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,

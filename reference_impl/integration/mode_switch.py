@@ -11,7 +11,8 @@ import numpy as np
 
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.coulomb import can_jam
+from stiction.reference_impl.friction.coulomb import can_jam, sticks
+from stiction.reference_impl.friction.driven_guides import driven_speed, frictionless_forces
 from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, most_capacity
 from stiction.reference_impl.friction.guides_at_rest import leave_together, rest_together
 from stiction.reference_impl.friction.mode_choice import HOLDS, LEAVES, choose_mode, other_modes
@@ -21,6 +22,7 @@ from stiction.reference_impl.integration.integration_state import AT_ONCE, NO_EV
 from stiction.reference_impl.integration.result import CORNER, REVERSAL, SAME_INSTANT, SLIP, STICK, UNCHANGED, EventLog
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
+from stiction.reference_impl.multibody.guide_freedom import DRIVEN, FREE
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.trajectory_columns import write_sample
@@ -36,6 +38,11 @@ zero with them, as on a turning arm without weight."""
 AT_REST = 1e-6
 """Largest speed so far, relative to that which free bodies would reach in a step, up to which all is taken to have been
 at rest."""
+AHEAD_OF_DRIVES = 0.1
+"""Part of a step behind an instant at which drives tell whether they move a guide that is at rest there. A law of third
+order has moved it by then at a speed of a hundredth of the step's."""
+DRIVES_REST = 1e-12
+"""Slip speed there, relative to the largest speed, up to which drives leave a guide at rest: above rounding."""
 BEHIND = 1e-3
 """Part of a step behind such an instant at which the forces tell: far above what an event is located to, far below what
 loads change in."""
@@ -94,6 +101,8 @@ def _examine_event(m, w, s, event):
     there, or on another branch of its capacity, does not switch.
     """
     guide, function, p, slip = event // 3, event % 3, s.progress, s.slip
+    if slip[guide] == 0 and not sticks(m, slip, guide):
+        return True, function, False  # a drive moves it, whatever its load
     unloaded = most_capacity(m, w, guide) <= UNLOADED * p.force
     if slip[guide] == 0 and unloaded:
         function = _way_out(m, w, s, guide)
@@ -139,16 +148,19 @@ def _change_slip(m, w, s, first_step, guide, function, behind):
         s.rest_speed[f] = HOLDS if slip[f] == 0 else COINCIDENCE * s.progress.speed
         if slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(first_step, t):
             s.rest_speed[f] = LEAVES
-    if slip[guide] == 0:
+    if sticks(m, slip, guide):
         if can_jam(m, guide):
             return JAM
         _break_away(m, w, s, guide, 1 if function == 0 else -1)
-    elif function == 0:
+    elif slip[guide] != 0 and function == 0:
         s.rest_speed[guide] = HOLDS
         _come_to_rest(m, w, s)
     if behind:
         return _choose_behind(m, w, s)
-    return choose_mode(m, w, t, y[:n], y[n:], slip, s.corner, s.rest_speed)
+    outcome = choose_mode(m, w, t, y[:n], y[n:], slip, s.corner, s.rest_speed)
+    if outcome == SOLVED and m.unfree > 0 and _foresee_drives(m, w, s):
+        outcome = choose_mode(m, w, t, y[:n], y[n:], slip, s.corner, s.rest_speed)
+    return outcome
 
 
 @kernel(allocates=True)
@@ -189,7 +201,8 @@ def _count_other_modes(m: Arrays, w: Workspace, s: State) -> int:
     """Modes other than the chosen one that would have been consistent behind the event at the state (`other_modes`)."""
     resting = np.zeros(len(m.friction), dtype=np.bool_)
     for f in range(len(m.friction)):
-        resting[f] = s.old_slip[f] == 0 or abs(w.slip_speed[f]) <= s.rest_speed[f]
+        at_rest = s.old_slip[f] == 0 or abs(w.slip_speed[f]) <= s.rest_speed[f]
+        resting[f] = at_rest and m.friction[f].freedom == FREE
     return other_modes(m, w, resting, s.slip)
 
 
@@ -246,7 +259,7 @@ def begin_mode(m: Arrays, w: Workspace, s: State) -> None:
     remember(m, w, s)
     least, changed = UNLOADED * s.progress.force, False
     for f in range(len(m.friction)):
-        changed = changed or s.slip[f] == 0 and most_capacity(m, w, f) <= least
+        changed = changed or sticks(m, s.slip, f) and most_capacity(m, w, f) <= least
     if changed:
         _look_behind(m, w, s)
         right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
@@ -268,13 +281,15 @@ def begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
     row_form(m, w, 0.0, s.y[:n], s.y[n:])
     _come_to_rest(m, w, s)
     outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed)
+    if outcome == SOLVED and m.unfree > 0 and _foresee_drives(m, w, s):
+        outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed)
     right_hand_side(m, w, 0.0, s.y, s.slip, s.corner, s.K[0])
     _look_behind(m, w, s)
     remember(m, w, s)
     right_hand_side(m, w, 0.0, s.y, s.slip, s.corner, s.K[0])
     unloaded = False
     for f in range(len(m.friction)):
-        if abs(w.slip_speed[f]) <= s.rest_speed[f]:
+        if abs(w.slip_speed[f]) <= s.rest_speed[f] and m.friction[f].freedom == FREE:
             s.rest_speed[f] = HOLDS
             unloaded = unloaded or most_capacity(m, w, f) <= UNLOADED * s.progress.force
     if unloaded:
@@ -300,6 +315,29 @@ def _look_behind(m, w, s):
     right_hand_side(m, w, s.progress.time + h, s.probe, s.slip, s.corner, s.dy)
     if choose_branches(m, w, s.slip, s.corner, ALL):
         right_hand_side(m, w, s.progress.time + h, s.probe, s.slip, s.corner, s.dy)
+
+
+@kernel
+def _foresee_drives(m, w, s):
+    """Let driven guides slip that are at rest at the state, and that their drives move just behind it.
+
+    The first derivative of a law that is not zero there tells: a cubic one may begin with neither speed nor
+    acceleration. Returns whether there are any; they have the rest speed LEAVES then.
+    """
+    n, h, found = len(m.inverse_mass), AHEAD_OF_DRIVES * s.attempt.h, False
+    right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.dy)
+    for k in range(n):
+        s.probe[k] = s.y[k] + h * (s.y[n + k] + 0.5 * h * s.dy[n + k])
+        s.probe[n + k] = s.y[n + k] + h * s.dy[n + k]
+    row_form(m, w, s.progress.time + h, s.probe[:n], s.probe[n:])
+    frictionless_forces(m, w, w.phi_dot)
+    least = DRIVES_REST * max(s.progress.speed, largest_speed(m, s.probe[n:]))
+    for f in range(len(m.friction)):
+        if s.slip[f] == 0 and m.friction[f].freedom == DRIVEN:
+            speed = driven_speed(m, w, f)
+            if abs(speed) > least:
+                s.slip[f], s.rest_speed[f], found = 1 if speed > 0.0 else -1, LEAVES, True
+    return found
 
 
 @kernel

@@ -239,8 +239,8 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
     task, prepared = Steps(dt, steps, every, int(mechanism.projection)), clock()
     code, written, events, reached = march(m, w, workspace(m, solver), state, task, samples, log)
     stepped = clock()
-    columns, found = columns_and_events(mechanism, [part[:written] for part in samples],
+    columns, found, alternatives = columns_and_events(mechanism, [part[:written] for part in samples],
                                         [part[:events] for part in log], None, sides, dt)
     return Run(samples.t[:written], columns, found,
                Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)),
-               breakdown_of(code, reached, mechanism, w, state.slip, state.corner))
+               breakdown_of(code, reached, mechanism, w, state.slip, state.corner), alternatives)

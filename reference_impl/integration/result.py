@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
@@ -11,10 +11,13 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Bundle, Cube, Integers, IntegerTable, Reals, Table
 from stiction.reference_impl.friction.coulomb import can_jam
 from stiction.reference_impl.friction.frozen_mode import margin
-from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, DONE, JAM, MODE_LIMIT, NONE, PIVOT_LIMIT, RAY,
-                                                       SEVERAL, SIGN_CYCLE, SINGULAR)
+from stiction.reference_impl.friction.open_forces import OpenForces, open_forces
+from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, CRAWL, DONE, ILL_CONDITIONED, JAM, MODE_LIMIT,
+                                                       NONE, NOT_FINITE, PIVOT_LIMIT, RAY, SELF_LOCKING, SEVERAL,
+                                                       SIGN_CYCLE, SINGULAR, STEP_TOO_SMALL, UNBOUNDED)
 from stiction.reference_impl.friction.trial_and_error import trial_and_error
 from stiction.reference_impl.friction.uniqueness import gain_of_mode, number_of_solutions
+from stiction.reference_impl.multibody.guide_freedom import DRIVEN
 from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost, Event
@@ -27,6 +30,13 @@ SAME_INSTANT = 1e-12
 """Part of the time so far, or of the first step if that is later, within which changes are one event: those of both
 corners of a slider. A guide that began to slip within it is not taken to be at rest again at the break-away of
 another."""
+
+
+NEARLY_UNBOUNDED = 1e-3
+"""Distance of the friction gain of a driven guide from 1 within which a run that finds no finite forces ended in a jam:
+its normal force is proportional to 1 / (1 - gain)."""
+MOST_UNLIKE = 1e9
+"""Ratio of masses from which forces are rounding: double precision has 1e16, and forces are needed to 1e-7."""
 
 
 class Samples(Bundle):
@@ -72,6 +82,8 @@ class Run:
     events: tuple[Event, ...]
     cost: Cost
     breakdown: Breakdown | None
+    alternatives: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """As `stiction.scenes.Trajectory.alternatives`."""
 
     @property
     def termination(self) -> str:
@@ -88,6 +100,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     if code == DONE:
         return None
     m, guide, found = mechanism.arrays, NO_GUIDE, None
+    code, guide = _cause(code, mechanism, w, slip)
     kind, reason = BREAKDOWNS[code]
     if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT):
         _, guide = gain_of_mode(m, w, slip)
@@ -97,28 +110,51 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
         guide = int(np.argmin([min(np.divide(margin(m, w, slip, f), scales)) for f in range(len(m.friction))]))
     if code == JAM:
         guide = min((f for f in range(len(m.friction)) if can_jam(m, f)), key=lambda f: abs(w.slip_speed[f]))
-    if code == NONE:
+    if code in (NONE, SELF_LOCKING, UNBOUNDED):
         found = 0
     if code == SEVERAL:
         found = number_of_solutions(m, w, slip)
     return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide != NO_GUIDE else "", found)
 
 
+def _cause(code: int, mechanism: Mechanism, w, slip: np.ndarray) -> tuple[int, int]:
+    """The outcome that tells a user why a kernel ended with a code, and the guide concerned, or NO_GUIDE."""
+    m = mechanism.arrays
+    if code not in (NONE, NOT_FINITE, STEP_TOO_SMALL, CRAWL, SINGULAR):
+        return code, NO_GUIDE
+    driven = (m.friction["freedom"] == DRIVEN) & (slip != 0)
+    gain, guide = gain_of_mode(m, w, slip) if driven.any() else (0.0, NO_GUIDE)
+    if guide != NO_GUIDE and driven[guide]:
+        if code == NONE:
+            return SELF_LOCKING, guide
+        if abs(gain - 1.0) < NEARLY_UNBOUNDED:
+            return UNBOUNDED, guide
+    if code in (NOT_FINITE, SINGULAR) and mechanism.largest_ratio_of_masses() > MOST_UNLIKE:
+        return ILL_CONDITIONED, NO_GUIDE
+    return code, NO_GUIDE
+
+
 def columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray],
-                       names: Collection[str] | None, sides: bool,
-                       first_step: float) -> tuple[dict[str, np.ndarray], tuple[Event, ...]]:
-    """Return columns of the samples, and the events, with the same on both of their `sides` if these are wanted.
+                       names: Collection[str] | None, sides: bool, first_step: float
+                       ) -> tuple[dict[str, np.ndarray], tuple[Event, ...], dict[str, np.ndarray]]:
+    """Return columns of the samples; the events, with the same on both `sides` if these are wanted; alternatives.
 
     `samples` and `log`: the arrays of `Samples` and `EventLog`. `names`: the columns that are wanted; all where None.
     `first_step`: the least time (s) that SAME_INSTANT is taken of.
     """
-    def build(t: np.ndarray, motion: np.ndarray, force: np.ndarray, slip: np.ndarray) -> dict[str, np.ndarray]:
-        return build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], force, slip, names)
+    def build(t: np.ndarray, motion: np.ndarray, force: np.ndarray,
+              slip: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        q, v, a = (motion[:, k] for k in range(3))
+        opened = open_forces(mechanism, t, q, v, force, slip)
+        columns = build_columns(mechanism, t, q, v, a, opened.force, slip, names)
+        return columns, alternative_columns(mechanism, opened, len(t), columns)
 
-    (instants, kinds, guides, others, *sided), columns = log, build(*samples)
+    instants, kinds, guides, others, *sided = log
+    columns, alternatives = build(*samples)
     rows: list[dict[str, float]] = [{} for _ in range(2 * len(instants))]
     if sides and columns and len(instants):
-        rows = rows_of(build(np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided)))
+        two_sided, _ = build(np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided))
+        rows = rows_of(two_sided)
     events: list[Event] = []
     logged = zip(instants.tolist(), kinds.tolist(), guides.tolist(), others.tolist(), rows[::2], rows[1::2])
     for instant, kind, guide, more, before, after in logged:
@@ -130,4 +166,17 @@ def columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log:
             found = replace(found, before=last.before)
             events.pop()
         events.append(found)
-    return columns, tuple(events)
+    return columns, tuple(events), alternatives
+
+
+def alternative_columns(mechanism: Mechanism, opened: OpenForces, count: int,
+                        wanted: Collection[str]) -> dict[str, np.ndarray]:
+    """The values, (count, k), of the wanted columns that have several at some instant; see `OpenForces`."""
+    names = [*mechanism.row_names, *(f"{name}.friction" for name in mechanism.guide_names)]
+    found = {}
+    for r, name in enumerate(names):
+        values = opened.alternatives[:, :, r]
+        if name in wanted and not np.isnan(values).all():
+            found[name] = np.full((count, values.shape[1]), np.nan)
+            found[name][opened.rows] = values
+    return found

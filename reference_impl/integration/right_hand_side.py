@@ -10,17 +10,16 @@ from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Real
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction import hlcp
-from stiction.reference_impl.friction.coulomb import capacity
+from stiction.reference_impl.friction.coulomb import sticks
+from stiction.reference_impl.friction.driven_guides import HELD, driven_acceleration
 from stiction.reference_impl.friction.frozen_mode import event_functions, solve_mode
 from stiction.reference_impl.friction.outcomes import SOLVED
+from stiction.reference_impl.friction.shared_rest import share_rest
 from stiction.reference_impl.friction.uniqueness import COUNTED
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_acceleration, row_form
+from stiction.reference_impl.multibody.guide_freedom import DRIVEN
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
-
-HELD = 1e-9
-"""Acceleration of a guide at rest, relative to what the largest force would give it, from which on it is not held: what
-rounding leaves of redundant rows is a thousandth of that."""
 
 
 @kernel
@@ -36,36 +35,49 @@ def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers,
         acceleration(m, w, w.force, dy[n:])
     w.counters.rhs += 1
     event_functions(m, w, slip, corner)
-    if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip):
+    if m.unfree > 0:
+        _watch_drives(m, w, slip)
+    if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip, corner):
         for i in range(len(dy)):
             dy[i] = np.nan
 
 
+@kernel
+def _watch_drives(m, w, slip):
+    """Event functions of driven guides at rest: minus the acceleration where their drives begin to move them.
+
+    No force holds them, and none is asked: the acceleration follows from the constraints.
+    """
+    for f in range(len(m.friction)):
+        if slip[f] == 0 and m.friction[f].freedom == DRIVEN:
+            acceleration = driven_acceleration(m, w, f)
+            if acceleration != 0.0:
+                w.event[3 * f + (0 if acceleration > 0.0 else 1)] = -abs(acceleration)
+
+
 @kernel(allocates=True)
-def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
+def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
     """Friction and event functions of stuck guides that share their friction indeterminately.
 
-    The shortest forces, those of the mode, where they are within the capacities, else those of the HLCP, whose share is
-    admissible. No forces hold a guide that a drive begins to move, as a slider's whose crank starts from its dead
-    centre: its event function is minus its acceleration. Event functions: of the shortest forces the margins; of others
-    minus the acceleration that the HLCP gives a guide, else 1. They jump where the share changes, so that what
-    `event_location` guarantees does not hold for such guides. Returns False where the HLCP has no solution, or none is
-    found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of every step.
+    The share is that of `shared_rest`, and the event functions are the margins of the safest share. For more guides
+    than that tries the HLCP decides: its share is admissible, and the event functions are minus the acceleration that
+    it gives a guide, else 1. They jump where rest ends, so that what `event_location` guarantees does not hold then.
+
+    No forces hold a guide that a drive begins to move in a singular position, as a slider's whose crank starts from its
+    dead centre: its event function is minus its acceleration. Returns False where the HLCP is asked and has no
+    solution, or none is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of
+    every step.
     """
-    admissible, held = True, True
+    held = True
     for f in range(len(m.friction)):
-        if slip[f] == 0:
-            R, T, friction = w.force[m.friction[f].row], w.force[m.friction[f].row + 1], w.force[m.rows + f]
-            w.event[3 * f] = capacity(m, f, R, T, 1.0) + friction
-            w.event[3 * f + 1] = capacity(m, f, R, T, -1.0) - friction
-            admissible = admissible and w.event[3 * f] >= 0.0 and w.event[3 * f + 1] >= 0.0
+        if sticks(m, slip, f):
             t = m.rows + f
             acceleration = row_acceleration(w, t, w.force)
             rounding = HELD * max(abs(w.right[t]), largest_force(m, w, w.force) * sqrt(w.G[t, t]))
             if not abs(acceleration) <= rounding:
                 w.event[3 * f + (0 if acceleration > 0.0 else 1)] = -abs(acceleration)
                 held = False
-    if admissible or not held:
+    if not held or share_rest(m, w, slip, corner):
         return True
     w.counters.hlcp += 1
     force, y, x, outcome, rest = hlcp.solve(m, w, slip, COUNTED)
@@ -77,7 +89,7 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers) -> bool:
         if fastest <= rest:
             copy(force, w.force)
     for f in range(len(m.friction)):
-        if slip[f] == 0:
+        if sticks(m, slip, f):
             w.event[3 * f], w.event[3 * f + 1] = 1.0, 1.0
             if accelerate[f] > rest:
                 w.event[3 * f] = -accelerate[f]

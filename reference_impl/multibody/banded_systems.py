@@ -15,6 +15,7 @@ import numpy as np
 from stiction.reference_impl.compiled.bundle import Integers, at
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, solve_in_place
+from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 
@@ -54,7 +55,7 @@ def solve_cell(m, w, c, residual, rate, slip, holds):
         r = m.order[first + k]
         f = r - m.rows
         w.x[k] = residual[r] if f < 0 else 0.0
-        if f >= 0 and holds and slip[f] == 0:
+        if f >= 0 and holds and sticks(m, slip, f):
             w.x[k] = rate * w.slip_speed[f]
         elif f >= 0:
             friction_row(m, w, w.A, f, n, band, 0.0, 0.0)

@@ -23,6 +23,7 @@ from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, I
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.reference_impl.friction.solver_names import Counters
 from stiction.reference_impl.multibody.baumgarte import PAPERS, coefficients
+from stiction.reference_impl.multibody.guide_freedom import guide_freedoms
 from stiction.scenes import Problem, Scene, SceneError
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine, law_kinks, spline_slopes
@@ -47,9 +48,10 @@ def _record(integers: str, numbers: str) -> np.dtype:
 
 CONSTRAINT = _record("kind row a b law friction", "ax ay bx by ux uy offset")
 """Bodies a and b, their points, direction (ux, uy) in the axes of b, offset of the angle, frictional guide or -1."""
-FRICTION = _record("row corners pair", "length width mu mus")
+FRICTION = _record("row corners pair freedom", "length width mu mus")
 """Row of the guide's normal force (that of the moment follows), length 0 where it has none; `corners`, the normal
-forces that have one sign each (2, or 1 without length), and `pair`, the first of their pairs in the HLCP."""
+forces that have one sign each (2, or 1 without length), `pair`, the first of their pairs in the HLCP, and `freedom`, one
+of `guide_freedom.GuideFreedom`."""
 SPRING = _record("kind a b", "ax ay bx by ux uy stiffness damping rest")
 LOAD = _record("body law", "px py ux uy")
 CELL = _record("first end band first_entry end_entry first_block end_block", "")
@@ -93,6 +95,7 @@ class Arrays(Bundle):
     baumgarte_2alpha: float
     baumgarte_beta2: float
     length_scale: float
+    unfree: int  # frictional guides that no freedom moves (`guide_freedom`)
     unlike: int  # 1 if masses or inertias are unlike by more than `UNLIKE` (`unlike_masses`)
 
 
@@ -193,7 +196,8 @@ class Mechanism:
     def _constraints(self) -> dict[str, np.ndarray | float]:
         constraints, row, driven = [], 0, 0
         frictions: list[tuple[float, ...]] = []
-        for element in [*self.scene.joints.values(), *self.scene.drives.values()]:
+        freedoms = guide_freedoms(self.scene, self._length_scale())
+        for name, element in [*self.scene.joints.items(), *self.scene.drives.items()]:
             direction, offset, law, guide, rows = (1.0, 0.0), 0.0, -1, NO_GUIDE, 2
             if isinstance(element, Revolute):
                 kind, points = REVOLUTE, element.points
@@ -206,7 +210,8 @@ class Mechanism:
                 direction, offset = element.direction, element.angle
                 if element.frictional:
                     guide = len(frictions)
-                    frictions.append((row, 2 if element.length else 1, 0, element.length or 0.0, element.width or 0.0,
+                    frictions.append((row, 2 if element.length else 1, 0, freedoms[name], element.length or 0.0,
+                                      element.width or 0.0,
                                       element.kinetic_coefficient, element.static_coefficient))
             constraints.append((kind, row, *(self._index[body] for body in element.bodies), law, guide, *points[0],
                                 *points[1], *_unit(direction), offset))
@@ -219,7 +224,8 @@ class Mechanism:
         return {"rows": row, "constraint": constraint, "friction": friction, "block": block, "pair": pair,
                 "smooth": _hlcp_pairs(row, friction), "cell": cell, "order": order, "position": position,
                 "entry": entry, "origin": np.zeros(0, dtype=np.int64), "length_scale": self._length_scale(),
-                "unlike": int(self._unlike())}
+                "unfree": int(np.count_nonzero(friction["freedom"])),
+                "unlike": int(self.largest_ratio_of_masses() > UNLIKE)}
 
     def _springs(self) -> dict[str, np.ndarray]:
         springs = []
@@ -256,15 +262,16 @@ class Mechanism:
         return {"load": np.array(loads, dtype=LOAD), "law": np.array(laws, dtype=LAW),
                 "knots": np.array(knots, dtype=float).reshape(-1, 3)}
 
-    def _unlike(self) -> bool:
-        """Levers couple masses and inertias; without one a guide couples masses with masses, inertias with inertias.
+    def largest_ratio_of_masses(self) -> float:
+        """Largest ratio of masses that guides, pins and levers couple.
 
-        Where a mechanism stands does not matter.
+        Levers couple masses and inertias; without one a guide couples masses with masses, inertias with inertias. Where a
+        mechanism stands does not matter.
         """
         bodies, lever = self.scene.bodies.values(), self._largest_lever()
         masses, inertias = [body.mass for body in bodies], [body.inertia for body in bodies]
         coupled = [[*masses, *(inertia / lever ** 2 for inertia in inertias)]] if lever else [masses, inertias]
-        return any(max(values) > UNLIKE * min(values) for values in coupled)
+        return max(max(values) / min(values) for values in coupled)
 
     def _largest_lever(self) -> float:
         """Largest lever of joint forces about the centres of mass, m.
@@ -368,7 +375,7 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
         count = len(rows) - len(friction)
         found.append(m.replaced(
             rows=count, constraint=m.constraint[:0], friction=friction, spring=m.spring[:0], load=m.load[:0],
-            law=m.law[:0], knots=m.knots[:0], block=block, pair=m.pair[:0], smooth=_hlcp_pairs(count, friction),
+            law=m.law[:0], knots=m.knots[:0], unfree=int(np.count_nonzero(friction["freedom"])), block=block, pair=m.pair[:0], smooth=_hlcp_pairs(count, friction),
             origin=rows, **dict(zip(("cell", "order", "position", "entry"), bands))))
     return tuple(found)
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from stiction.reference_impl.compiled.bundle import Integers, Reals
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, RANK_TOLERANCE, minimum_norm, solve_in_place
+from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.multibody.banded_systems import solve_cell
 from stiction.reference_impl.multibody.dynamics import add_rows, row_form
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
@@ -55,8 +56,8 @@ def _solve(m, w, residual, rate, slip, holds, tolerance):
     for r in range(size):
         f = r - m.rows
         for c in range(size):
-            w.A[r, c] = w.G[r, c] if f < 0 or slip[f] == 0 or r == c else 0.0
-        w.force[r] = residual[r] if f < 0 else rate * w.slip_speed[f] if slip[f] == 0 else 0.0
+            w.A[r, c] = w.G[r, c] if f < 0 or sticks(m, slip, f) or r == c else 0.0
+        w.force[r] = residual[r] if f < 0 else rate * w.slip_speed[f] if sticks(m, slip, f) else 0.0
     return solve_in_place(w.A, w.force, w.unit, size, size, tolerance)
 
 

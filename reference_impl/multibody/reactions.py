@@ -72,8 +72,8 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
                     for values in (np.where(told, friction, 0.0), told))
     at_once = max(1, _ROOM // max(1, len(m.inverse_mass) * force.shape[1]))
     for part in (slice(first, first + at_once) for first in range(0, len(t), at_once)):
-        columns_of_rows, free = _rows(m, t[part], q[part], v[part])
-        force[part] = _balanced(columns_of_rows, (a[part] - free) / m.inverse_mass, force[part], known[part], m.rows)
+        columns, free = columns_of_rows(m, t[part], q[part], v[part])
+        force[part] = _balanced(columns, (a[part] - free) / m.inverse_mass, force[part], known[part], m.rows)
     columns = build_columns(mechanism, t, q, v, a, force)
     if reported:
         columns.update(reported)
@@ -107,20 +107,20 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown
     return found
 
 
-def _rows(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def columns_of_rows(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """J^T at each instant (n, 3 * bodies, rows + frictional), and M^-1 Q without joints (n, 3 * bodies)."""
     w = workspace(m)
     J, free = np.empty((len(t), len(w.J))), np.empty(q.shape)
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
         J[i], free[i] = w.J, w.free
-    columns_of_rows = np.zeros((*q.shape, len(w.force)))
+    columns = np.zeros((*q.shape, len(w.force)))
     for place, row, body in m.block:
-        columns_of_rows[:, body:body + 3, row] = J[:, place:place + 3]
-    return columns_of_rows, free
+        columns[:, body:body + 3, row] = J[:, place:place + 3]
+    return columns, free
 
 
-def _balanced(columns_of_rows: np.ndarray, needed: np.ndarray, force: np.ndarray, known: np.ndarray,
+def _balanced(columns: np.ndarray, needed: np.ndarray, force: np.ndarray, known: np.ndarray,
               rows: int) -> np.ndarray:
     """Row forces (n, rows + frictional).
 
@@ -131,21 +131,38 @@ def _balanced(columns_of_rows: np.ndarray, needed: np.ndarray, force: np.ndarray
     precision times the size count as zero, as in `numpy.linalg.lstsq`.
     """
     found = force.copy()
-    rest = needed - np.einsum("nij,nj->ni", columns_of_rows, np.where(known, force, 0.0))
+    rest = needed - np.einsum("nij,nj->ni", columns, np.where(known, force, 0.0))
     for pattern in np.unique(known, axis=0):
         those, others = np.flatnonzero((known == pattern).all(axis=1)), np.flatnonzero(~pattern)
-        matrices = columns_of_rows[np.ix_(those, np.arange(columns_of_rows.shape[1]), others)]
+        matrices = columns[np.ix_(those, np.arange(columns.shape[1]), others)]
         left, size, right = np.linalg.svd(matrices, full_matrices=False)
         solved = np.einsum("nki,nk->ni", right, _inverse(matrices, size) * np.einsum("nik,ni->nk", left, rest[those]))
-        moved = _null_parts(matrices, size, right)
-        hyperstatic = (moved[:, rows:] > _MOVED).any(axis=1)
-        if hyperstatic.any():
-            alone = matrices[hyperstatic][:, :, :rows]
-            _, size, right = np.linalg.svd(alone, full_matrices=False)
-            moved[hyperstatic, :rows] -= _null_parts(alone, size, right)
-            solved[hyperstatic] = np.where(moved[hyperstatic] > _MOVED, np.nan, solved[hyperstatic])
-        found[np.ix_(those, others)] = solved
+        moved = _moved_with_frictions(matrices, rows, size, right)
+        found[np.ix_(those, others)] = np.where(moved, np.nan, solved)
     return found
+
+
+def parts_of_null_vectors(matrices: np.ndarray, rows: int) -> np.ndarray:
+    """Return which unknowns a null vector that contains frictions moves, shape (n, j).
+
+    matrices : ndarray, shape (n, 3 * bodies, j)
+        Columns of the unknowns at each instant: those of `rows` constraints, then those of frictions.
+    """
+    _, size, right = np.linalg.svd(matrices, full_matrices=False)
+    return _moved_with_frictions(matrices, rows, size, right)
+
+
+def _moved_with_frictions(matrices: np.ndarray, rows: int, size: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Variant of `parts_of_null_vectors` with the singular values and right vectors of the matrices at hand."""
+    moved = _null_parts(matrices, size, right)
+    hyperstatic = (moved[:, rows:] > _MOVED).any(axis=1)
+    moved[~hyperstatic] = 0.0
+    if hyperstatic.any():
+        # null vectors of the constraints alone move no friction, and are taken out
+        alone = matrices[hyperstatic][:, :, :rows]
+        _, size, right = np.linalg.svd(alone, full_matrices=False)
+        moved[hyperstatic, :rows] -= _null_parts(alone, size, right)
+    return moved > _MOVED
 
 
 def _inverse(matrices: np.ndarray, size: np.ndarray) -> np.ndarray:

@@ -83,12 +83,13 @@ def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[
             columns[name] = np.sqrt(sum(run.columns[name][:rows] ** 2 for run in runs))
     events = sorted((replace(event, before=_without_drift(event.before), after=_without_drift(event.after))
                      for run in runs for event in run.events if event.time <= until), key=lambda event: event.time)
+    alternatives = {name: values[:rows] for run in runs for name, values in run.alternatives.items()}
     counters: Counter[str] = Counter()
     for run in runs:
         counters.update(run.cost.counters)
     cost = Cost(sum(run.cost.setup_s for run in runs), 0.0, sum(run.cost.stepping_s for run in runs), dict(counters))
     return replace(runs[0], t=runs[0].t[:rows], columns=columns, events=tuple(events), cost=cost,
-                   breakdown=broken[0] if broken else None)
+                   breakdown=broken[0] if broken else None, alternatives=alternatives)
 
 
 def _without_drift(side):

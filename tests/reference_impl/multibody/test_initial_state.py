@@ -138,14 +138,17 @@ def test_flat_position_never_hangs(stabilization):
 
 
 def test_rest_of_a_motor_that_holds_a_sticking_slider():
-    """Motor and friction hold the same freedom: redundant, but nothing moves."""
+    """Motor and friction hold the same freedom: nothing moves, and nothing tells how they share the load of 1 N."""
     raw = guide_scene(guide={"mu": 0.2}, drives={"motor": {
         "type": "distance", "bodies": ["slider", "ground"], "axis": [1, 0], "law": {"type": "constant", "value": 0}}},
         forces={"load": along([1, 0], type="constant", value=1)})
     trajectory = simulate(scene_from_dict(raw), t_end=1)
     assert np.all(np.abs(trajectory["slider.x"]) < 1e-14)  # rounding
-    np.testing.assert_allclose(trajectory["guide.friction"] + trajectory["motor.effort"], -1, atol=1e-9)
-    assert np.all(np.abs(trajectory["guide.friction"]) <= 2 + 1e-9)
+    assert np.all(trajectory["guide.mode"] == 0) and trajectory.events == ()
+    for column in ("guide.friction", "motor.effort"):
+        assert np.isnan(trajectory[column]).all()
+    np.testing.assert_allclose(trajectory["guide.normal_force"], trajectory["guide.normal_force"][0], atol=1e-9)
+    assert trajectory.alternatives == {}  # an interval, no list
 
 
 def test_driven_slider_reverses_without_rest():

@@ -1,0 +1,203 @@
+"""Forces that the motion and Coulomb's law leave open; compiled, and for the rows of a run.
+
+The friction of a guide that no freedom moves (`guide_freedom`) does not enter the accelerations. Two things follow.
+
+At rest it may be anything within Coulomb's cone. Of a guide that joints lock, zero is taken: the admissible value
+nearest to zero, and what a joint that was assembled without stress has. Where a drive holds the guide, as a motor that
+dwells against friction, the drive and the friction share the load, and nothing tells how: what the null vector
+
+    J^T lambda + W^T f = 0
+
+of reactions, efforts and this friction moves is reported as nan.
+
+While a driven guide slips, f = -mu d (|n1| + |n2|) with n1, n2 linear in f. Where the friction gain (`uniqueness`) is 1
+or more, this equation may have several solutions, with one and the same motion: a strut that pulls a block back beyond
+its angle of friction can push it onto the guide or lift it off. The integration goes on with the smallest of them, which
+is the last to grow without bound; all of them are in `Trajectory.alternatives`, and the columns are nan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiction.reference_impl.compiled.bundle import Cube, Integers, IntegerTable, Reals, Table
+from stiction.reference_impl.compiled.kernel import kernel
+from stiction.reference_impl.compiled.loops import copy, taken
+from stiction.reference_impl.friction.coulomb import coefficient, corner_forces
+from stiction.reference_impl.friction.enumeration import SAME, is_same_motion, solutions
+from stiction.reference_impl.friction.uniqueness import COUNTED, gain_of_mode
+from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells
+from stiction.reference_impl.multibody.dynamics import largest_force, row_form
+from stiction.reference_impl.multibody.guide_freedom import DRIVEN
+from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
+
+MOST_ALTERNATIVES = 8
+"""Solutions of one motion that are kept: two for one driven guide without length, up to four with two corners."""
+
+
+@kernel
+def _may_be_several(m, w, slip):
+    """Return True where forces of one motion can be several: a driven guide slips, and the friction gain allows it."""
+    slips = False
+    for f in range(len(slip)):
+        slips = slips or slip[f] != 0 and m.friction[f].freedom == DRIVEN
+    return slips and gain_of_mode(m, w, slip)[0] >= 1.0
+
+
+@kernel(allocates=True)
+def forces_of_one_motion(m: Arrays, w: Workspace, slip: Integers, forces: Table, directions: IntegerTable) -> int:
+    """Row forces that obey Coulomb's law and give the accelerations of those in w.force; their number.
+
+    `forces`, (k, rows + frictional), and `directions`, (k, frictional), receive them. 0 where there are more than
+    `uniqueness.COUNTED` contact modes, which are not all tried.
+    """
+    found, kept = solutions(m, w, slip, forces, directions, 0.0, COUNTED, True), 0
+    for i in range(max(found, 0)):
+        if is_same_motion(m, w, forces[i], w.force):
+            if kept < i:
+                copy(forces[i], forces[kept])
+                copy(directions[i], directions[kept])
+            kept += 1
+    return kept
+
+
+@kernel(allocates=True)
+def take_least_forces(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> None:
+    """Put the smallest of several forces of one motion in place of those in w.force, with the signs of its corners."""
+    if not _may_be_several(m, w, slip):
+        return
+    nf = len(m.friction)
+    forces = np.zeros((MOST_ALTERNATIVES, len(w.force)))
+    directions = np.zeros((MOST_ALTERNATIVES, nf), dtype=np.int64)
+    count, best, least = forces_of_one_motion(m, w, slip, forces, directions), 0, np.inf
+    for i in range(count):
+        size = largest_force(m, w, forces[i])
+        if size < least:
+            best, least = i, size
+    if count < 2:
+        return
+    copy(forces[best], w.force)
+    for f in range(nf):
+        normal = m.friction[f].row
+        kappa = -coefficient(m, f, slip) * directions[best, f]
+        n1, n2 = corner_forces(m.friction[f], w.force[normal], w.force[normal + 1], kappa)
+        corner[f, 0], corner[f, 1] = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
+
+
+@kernel(allocates=True)
+def _alternatives(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, slip: IntegerTable, force: Table,
+                  found: Cube, count: Integers) -> None:
+    """Fill `found` (n, k, rows + frictional) with the forces of the motion at each instant; `count` (n,): how many.
+
+    `force` has those of the run. 1 where they are the only ones.
+    """
+    for i in range(len(t)):
+        count[i] = 1
+        row_form(m, w, t[i], q[i], v[i])
+        if not _may_be_several(m, w, slip[i]):
+            continue
+        for r in range(len(w.force)):
+            w.force[r] = force[i, r]
+            for k in range(found.shape[1]):
+                found[i, k, r] = force[i, r]
+        for c in range(count_cells(m)):
+            own_m, own_w, guides = cell_of(m, w, c)
+            own_slip = taken(slip[i], guides)
+            for r in range(len(own_m.origin)):
+                own_w.force[r] = w.force[own_m.origin[r]]
+            forces = np.zeros((found.shape[1], len(own_w.force)))
+            directions = np.zeros((found.shape[1], len(guides)), dtype=np.int64)
+            own_count = forces_of_one_motion(own_m, own_w, own_slip, forces, directions)
+            if own_count < 2:
+                continue
+            # of several cells that are open each has its own alternatives: they are listed side by side
+            count[i] = max(count[i], own_count)
+            for k in range(own_count):
+                for r in range(len(own_w.force)):
+                    found[i, k, own_m.origin[r] if len(own_m.origin) else r] = forces[k, r]
+
+
+@dataclass(frozen=True)
+class OpenForces:
+    """Row forces of a run, with those that are open.
+
+    Attributes
+    ----------
+    force : ndarray, shape (n, rows + frictional)
+        Row forces; nan where the motion and Coulomb's law do not determine one.
+    rows : ndarray of int, shape (m,)
+        Instants at which a finite number of forces is possible.
+    alternatives : ndarray, shape (m, k, rows + frictional)
+        These forces at these instants; nan behind the last, and for a force that is determined.
+    """
+
+    force: np.ndarray
+    rows: np.ndarray
+    alternatives: np.ndarray
+
+
+def open_forces(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray, force: np.ndarray,
+                slip: np.ndarray) -> OpenForces:
+    """Leave open which forces of a run are not determined.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    t : ndarray, shape (n,)
+    q, v : ndarray, shape (n, 3 * bodies)
+    force : ndarray, shape (n, rows + frictional)
+        Row forces of the integration: one of several where several are possible.
+    slip : ndarray, shape (n, frictional)
+        Directions of slip; 0 at rest.
+    """
+    m, total = mechanism.arrays, force.shape[1]
+    none = OpenForces(force, np.zeros(0, dtype=np.int64), np.zeros((0, 1, total)))
+    if m.unfree == 0 or not len(t):
+        return none
+    t, q, v, force = (np.ascontiguousarray(values, dtype=float) for values in (t, q, v, force))
+    slip = np.ascontiguousarray(slip, dtype=np.int64)
+    marked = force.copy()
+
+    # a finite number of forces, while driven guides slip
+    found = np.full((len(t), MOST_ALTERNATIVES, total), np.nan)
+    count = np.ones(len(t), dtype=np.int64)
+    _alternatives(m, workspace(m), t, q, v, slip, force, found, count)
+    rows = np.flatnonzero(count > 1)
+    alternatives = found[rows]
+    alternatives[np.arange(MOST_ALTERNATIVES) >= count[rows, None]] = np.nan
+    if len(rows):
+        spread = np.nanmax(alternatives, axis=1) - np.nanmin(alternatives, axis=1)
+        differs = spread > SAME * np.nanmax(np.abs(alternatives), axis=1)
+        alternatives = np.where(differs[:, None, :], alternatives, np.nan)
+        marked[rows] = np.where(differs, np.nan, marked[rows])
+        alternatives = alternatives[:, :int(count[rows].max())]
+
+    # an interval of forces, while a drive holds a guide at rest
+    driven = m.friction["freedom"] == DRIVEN
+    for instants, guides in _patterns((slip == 0) & driven):
+        marked[instants] = np.where(_moved(mechanism, t, q, v, instants, guides), np.nan, marked[instants])
+    return OpenForces(marked, rows, alternatives)
+
+
+def _patterns(flags: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the instants that have the same flags (n, k), and the places of the flags that are set, if any are."""
+    for pattern in np.unique(flags, axis=0):
+        if pattern.any():
+            yield np.flatnonzero((flags == pattern).all(axis=1)), np.flatnonzero(pattern)
+
+
+def _moved(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray, instants: np.ndarray,
+           guides: np.ndarray) -> np.ndarray:
+    """Return which row forces a null vector with the friction of these guides moves, (instants, rows + frictional)."""
+    from stiction.reference_impl.multibody.reactions import columns_of_rows, parts_of_null_vectors
+
+    rows = mechanism.arrays.rows
+    unknown = np.concatenate([np.arange(rows), rows + guides])
+    moved = np.zeros((len(instants), rows + len(mechanism.guide_names)), dtype=bool)
+    matrices, _ = columns_of_rows(mechanism.arrays, t[instants], q[instants], v[instants])
+    moved[:, unknown] = parts_of_null_vectors(matrices[:, :, unknown], rows)
+    return moved

@@ -1,0 +1,169 @@
+"""Which frictional guides can move at all: by a freedom of the mechanism, by its drives alone, or never.
+
+With J the rows of the joints, D those of the drives and W the tangential row of a guide, the slip velocity W v is
+
+    locked   W depends on J:       no motion that the joints allow moves the slider in its guide;
+    driven   W depends on [J; D]:  the drives determine the slip velocity, and no freedom is left to it;
+    free     otherwise.
+
+The friction of a guide that is not free does no work on a freedom: any change of it is balanced by reactions and
+efforts, and the accelerations stay. Hence rigid bodies do not determine the friction of such a guide at rest, and while
+it slips Coulomb's law may allow several frictions for one motion (`friction.open_forces`).
+
+Dependence in a single position proves nothing: the slider of a slider-crank cannot move in its dead centre, and can
+everywhere else. Dependence is a property of the mechanism where it holds in general position, as the rank of an
+analytic matrix is the same almost everywhere on a branch of motion. So it is tested in positions that the joints
+allow and that are drawn at random near the start, whatever the drives ask for.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+from scipy.linalg import qr
+
+from stiction.reference_impl.equations_of_motion import EquationsOfMotion
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+
+
+class GuideFreedom(IntEnum):
+    """How a guide can move; the values are those of the compiled kernels."""
+
+    FREE = 0
+    DRIVEN = 1
+    LOCKED = 2
+
+
+FREE, DRIVEN, LOCKED = (int(kind) for kind in GuideFreedom)
+
+DEPENDENT = 1e-6
+"""Part of a unit row that is left beside the others, up to which it depends on them. In general position an independent
+row leaves a part of the order of 1; rounding leaves 1e-12 even beside rows that are nearly dependent."""
+RANK = 1e-9
+"""Diagonal entry of the triangular factor, relative to the largest, up to which a row adds no rank."""
+POSITIONS = 2
+"""Positions in which dependence must hold. One in general position is enough with probability 1; a second one costs
+little."""
+AMPLITUDE = 0.05
+"""Size of the random displacement of each coordinate, in radians or parts of the mechanism's size. Large enough to
+leave a dead centre, small enough to stay on the branch of motion of the start."""
+HALVINGS = 6
+"""Times that the displacement is halved where Newton's method does not lead back to the joints."""
+NEWTON_STEPS = 30
+CLOSED = 1e-10
+"""Residual of the joints, in parts of the mechanism's size, at which a position is one that they allow."""
+
+
+def guide_freedoms(scene: Scene, length_scale: float) -> dict[str, GuideFreedom]:
+    """Return the freedom of every frictional guide of a scene, in their order.
+
+    Parameters
+    ----------
+    scene : Scene
+    length_scale : float
+        A length of the mechanism, m, by which angles are compared with lengths.
+    """
+    found = {name: GuideFreedom.FREE for name in scene.frictional_guides}
+    candidates = [name for name in found if _closes_loop(scene, name)]
+    if not candidates:
+        return found
+
+    equations = EquationsOfMotion(scene)
+    start, _ = equations.start()
+    unit = np.where(np.arange(len(start)) % 3 == 2, 1.0 / length_scale, 1.0)
+    joints = len(equations.rows) - len(scene.drives)
+    names = list(equations.guides)
+    beside_joints = np.zeros((POSITIONS, len(names)))
+    beside_all = np.zeros((POSITIONS, len(names)))
+    for i, q in enumerate(_positions_near(equations, start, unit, joints,
+                                                length_scale)):
+        terms = equations.at(0.0, q, np.zeros_like(q))
+        rows, tangents = terms.J * unit, terms.W * unit
+        beside_joints[i] = _part_beside(rows[:joints], tangents)
+        beside_all[i] = _part_beside(rows, tangents)
+
+    for name in candidates:
+        k = names.index(name)
+        if np.all(beside_joints[:, k] <= DEPENDENT):
+            found[name] = GuideFreedom.LOCKED
+        elif np.all(beside_all[:, k] <= DEPENDENT):
+            found[name] = GuideFreedom.DRIVEN
+    return found
+
+
+def _closes_loop(scene: Scene, guide: str) -> bool:
+    """Return True if joints and drives connect the slider with its guide also without this joint.
+
+    In a tree every guide can move, whatever its dimensions.
+    """
+    linked: dict[str, set[str]] = {}
+    for name, element in [*scene.joints.items(), *scene.drives.items()]:
+        if name != guide:
+            a, b = element.bodies
+            linked.setdefault(a, set()).add(b)
+            linked.setdefault(b, set()).add(a)
+    slider, goal = scene.joints[guide].bodies
+    reached, waiting = {slider}, [slider]
+    while waiting:
+        for body in linked.get(waiting.pop(), set()) - reached:
+            reached.add(body)
+            waiting.append(body)
+    return goal in reached or (goal == GROUND and GROUND in reached)
+
+
+def _positions_near(equations: EquationsOfMotion, start: np.ndarray, unit: np.ndarray,
+                    joints: int, length_scale: float) -> list[np.ndarray]:
+    """Positions that the joints allow, displaced at random from the start along their freedoms.
+
+    Where the joints leave no freedom, the only one is the start. The draw is always the same.
+    """
+    random = np.random.default_rng(20140306)
+    closed = CLOSED * min(1.0, length_scale)  # residuals are lengths and angles
+    found = []
+    for _ in range(POSITIONS):
+        displacement = AMPLITUDE * length_scale * random.uniform(-1.0, 1.0, len(start))
+        position = None
+        for _ in range(HALVINGS):
+            rows = equations.at(0.0, start, np.zeros_like(start)).J[:joints] * unit
+            along = displacement - _span(rows) @ (_span(rows).T @ displacement)
+            position = _closed(equations, start + unit * along, unit, joints, closed)
+            if position is not None:
+                break
+            displacement *= 0.5
+        found.append(start if position is None else position)
+    return found
+
+
+def _closed(equations: EquationsOfMotion, q: np.ndarray, unit: np.ndarray, joints: int,
+            closed: float) -> np.ndarray | None:
+    """Move a position onto the joints by Newton's method; None where it does not converge."""
+    for _ in range(NEWTON_STEPS):
+        terms = equations.at(0.0, q, np.zeros_like(q))
+        residual = terms.phi[:joints]
+        if not len(residual) or np.max(np.abs(residual)) <= closed:
+            return q
+        step, *_ = np.linalg.lstsq(terms.J[:joints] * unit, residual, rcond=RANK)
+        q = q - unit * step
+    return None
+
+
+def _part_beside(rows: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Part of each vector, relative to its size, that is orthogonal to all rows."""
+    basis = _span(rows)
+    sizes = np.linalg.norm(vectors, axis=1)
+    left = vectors - (vectors @ basis) @ basis.T
+    left -= (left @ basis) @ basis.T  # once more: the first projection leaves its own rounding
+    return np.linalg.norm(left, axis=1) / np.where(sizes > 0.0, sizes, 1.0)
+
+
+def _span(rows: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the span of rows, as columns; rows are compared by their directions."""
+    sizes = np.linalg.norm(rows, axis=1)
+    rows = rows[sizes > 0.0] / sizes[sizes > 0.0, None]
+    if not len(rows):
+        return np.zeros((rows.shape[1], 0))
+    basis, triangle, _ = qr(rows.T, mode="economic", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    return basis[:, :int(np.sum(diagonal > RANK * diagonal[0]))]

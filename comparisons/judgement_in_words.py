@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.measures.accuracy import TORQUE_ERROR, truth_graph
-from stiction.comparisons.measures.result_errors import COARSE
+from stiction.comparisons.measures.accuracy import TORQUE_ERROR, truth_over_time
+from stiction.comparisons.measures.result_errors import COARSE, UNDETERMINED
 from stiction.comparisons.measures.scene_truth import OWN_RTOL, OWN_RUN
 from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Panel, Presentation, Series, TableView,
                                                TracedText, count, scaled_value, sentence, traced, value, view)
@@ -151,6 +151,9 @@ def _not_judged(judged: Judgement) -> Iterator[TracedText]:
                and not name.endswith(".mode") and not name.startswith("drift.")]
     yield sentence("Not judged, for want of columns: {}.", "; ".join(what for what, lacks in wanting.items() if lacks))
     yield sentence("The truth does not have {}.", names(unknown))
+    errors = judged.tables["errors"]
+    yield sentence("Not determined by the motion and Coulomb's law, and not judged: {}.",
+                   names(list(errors.loc[errors["measure"] == UNDETERMINED, "column"])))
     yield sentence("Columns that are none of the scene's: {}.", names(judged.table.left_out))
 
 
@@ -193,9 +196,9 @@ def _figures(judged: Judgement) -> Iterator[Chart]:
     drawn = [(f"{guide}.slip_velocity", "slip velocity [m/s]") for guide in judged.scene.frictional_guides]
     for name, label in drawn + [(f"{drive}.effort", "effort [N m or N]") for drive in judged.scene.drives]:
         if name in known and name in run:
-            exact = truth_graph(judged.truth, name, t)
+            times, values = truth_over_time(judged.truth, name, t)
             panels.append(Panel(name, Axis("time [s]"), Axis(label), [
-                Series("truth", exact.t, exact.values, look=TRUTH),
+                Series("truth", times, values, look=TRUTH),
                 Series("table", run.t[every], run[name][every], look="table", line=False, points=True,
                        hollow=True)], shades=shades))
     if panels:

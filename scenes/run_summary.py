@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from stiction.scenes.columns import unit_of
-from stiction.scenes.trajectory import Trajectory
+from stiction.scenes.trajectory import Event, Trajectory
 
 STATE = ("x", "y", "angle", "vx", "vy", "omega")
 EVENTS_SHOWN = 20
@@ -34,13 +34,32 @@ def run_tables(run: Trajectory) -> Iterator[tuple[Sequence[str], list[tuple[str,
     yield ("over time", "smallest", "largest", "at the end"), [
         (name, *("left open" if np.isnan(value) else digits(name, value) for value in (
             np.fmin.reduce(run[name]), np.fmax.reduce(run[name]), run[name][-1]))) for name in shown]
+    if run.alternatives:
+        yield (("force that is not unique", "instants", "from [s]", "to [s]", "values at the first of them"),
+               [_not_unique(run, name, digits) for name in run.alternatives])
     efforts = [name for name in run.columns if name.endswith(".effort")]
     several = any(event.other_modes for event in run.events)
     yield ("event [s]", "kind", "joint", *(f"jump of {name}" for name in efforts),
            *(["other consistent modes"] * several)), [
         (f"{event.time:.9f}", event.kind, event.joint,
-         *(digits(name, event.jump(name)) if name in event.before else "" for name in efforts),
+         *(_jump(event, name, digits) for name in efforts),
          *([str(event.other_modes)] * several)) for event in run.events[:EVENTS_SHOWN]]
+
+
+def _jump(event: Event, name: str, digits: Callable[[str, float], str]) -> str:
+    """Jump of a column at an event; empty for one of another part of the scene, or that is left open."""
+    if name not in event.before or np.isnan(event.jump(name)):
+        return ""
+    return digits(name, event.jump(name))
+
+
+def _not_unique(run: Trajectory, name: str, digits: Callable[[str, float], str]) -> tuple[str, ...]:
+    """A row for a column of which Coulomb's law allows several values: how often, from when to when, and which."""
+    values = run.alternatives[name]
+    rows = np.flatnonzero(~np.isnan(values).all(axis=1))
+    first = values[rows[0]]
+    return (name, str(len(rows)), f"{run.t[rows[0]]:.9g}", f"{run.t[rows[-1]]:.9g}",
+            ", ".join(digits(name, value) for value in first[~np.isnan(first)]))
 
 
 def more_events(run: Trajectory) -> str:

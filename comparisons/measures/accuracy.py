@@ -62,8 +62,9 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
             row[f"{label} error [{unit}]"] = error
             row[f"{label} uncertainty [{unit}]"] = max(truth.uncertainty.get(name, 0.0) for name in names)
     efforts = [name for name in exact if name.endswith(".effort") and is_known(trajectory, name)]
-    if efforts:
-        mean = max((effort_error(trajectory, truth, name) for name in efforts), key=lambda error: error.value)
+    means = [mean for name in efforts if (mean := effort_error(trajectory, truth, name)) is not None]
+    if means:
+        mean = max(means, key=lambda error: error.value)
         row |= {TORQUE_ERROR: mean.value, "torque uncertainty [N m]": mean.uncertainty}
     return row | _event_errors(trajectory, truth)
 
@@ -87,8 +88,11 @@ def _event_errors(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
             "events spurious": len(matched.spurious), **{missed(kind): absent[kind] for kind in KINDS if kind in kinds}}
 
 
-def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Uncertain:
+def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Uncertain | None:
     """Return the mean of the effort's |error| over time, from the method's own values.
+
+    Stretches in which the truth leaves the effort open (nan), as where a motor holds against friction or several efforts
+    give one motion, are not charged for: the mean is over the others. None where there are none.
 
     Values are compared at the instants of the run and on both sides of its events, where they are its own. Between
     them the error is interpolated, not the effort, so that the result depends on the output instants as little as the
@@ -99,7 +103,8 @@ def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Uncertain:
     found = graph(trajectory, name)
     t, error = found.t, found.values - truth(found.t)[name]
     inner = [event for event in _inside(truth, t) if name in event.before]
-    times, jumps = np.array([event.time for event in inner]), np.array([event.jump(name) for event in inner])
+    times = np.array([event.time for event in inner])
+    jumps = np.nan_to_num([event.jump(name) for event in inner])  # beside an open stretch there is no jump to add
     unsure = 0.0
     if not has_two_sided_events(trajectory):
         right = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
@@ -109,9 +114,23 @@ def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Uncertain:
         smooth = Graph(t, error + np.append(0.0, passed)[np.searchsorted(times, t, side="right")])
         left = value_at(smooth, times, "before")
         t, error = _in_order((times, left - passed + jumps), (times, left - passed), (t, error))
-    mean = l1(Graph(t, error), Graph(t[[0, -1]], np.zeros(2)))
-    span = t[-1] - t[0]
-    return Uncertain(mean.value / span, (mean.uncertainty + unsure) / span + truth.uncertainty.get(name, 0.0))
+    span, value, uncertainty = 0.0, 0.0, unsure
+    for first, behind in _known_stretches(error):
+        part_t, part = t[first:behind], error[first:behind]
+        if part_t[-1] > part_t[0]:
+            mean = l1(Graph(part_t, part), Graph(part_t[[0, -1]], np.zeros(2)))
+            span += part_t[-1] - part_t[0]
+            value += mean.value
+            uncertainty += mean.uncertainty
+    if span == 0.0:
+        return None
+    return Uncertain(value / span, uncertainty / span + truth.uncertainty.get(name, 0.0))
+
+
+def _known_stretches(values: np.ndarray) -> list[tuple[int, int]]:
+    """Return the first place and the place behind the last of each stretch of values that are not nan."""
+    known = np.concatenate([[False], ~np.isnan(values), [False]])
+    return [(int(first), int(behind)) for first, behind in np.flatnonzero(np.diff(known.astype(int))).reshape(-1, 2)]
 
 
 def graph(trajectory: Trajectory, column: str) -> Graph:
@@ -122,7 +141,9 @@ def graph(trajectory: Trajectory, column: str) -> Graph:
 
 def is_known(trajectory: Trajectory, column: str) -> bool:
     """Check that a run has a column throughout: forces that guides at rest leave open are nan."""
-    return column in trajectory and not np.isnan(trajectory[column]).any()
+    return (column in trajectory and not np.isnan(trajectory[column]).any()
+            and not any(np.isnan(side[column]) for event in trajectory.events
+                        for side in (event.before, event.after) if column in side))
 
 
 def has_two_sided_events(trajectory: Trajectory) -> bool:
@@ -130,12 +151,12 @@ def has_two_sided_events(trajectory: Trajectory) -> bool:
     return bool(trajectory.events) and all(event.before and event.after for event in trajectory.events)
 
 
-def truth_graph(truth: Truth, column: str, t: np.ndarray) -> Graph:
-    """Return the truth at times t, with both values at its events."""
+def truth_over_time(truth: Truth, column: str, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and values of the truth at times t, with both values at its events; nan where it is left open."""
     inner = _inside(truth, t)
     times = [event.time for event in inner]
-    return Graph(*_in_order((t, truth(t)[column]), (times, [event.before[column] for event in inner]),
-                            (times, [event.after[column] for event in inner])))
+    return _in_order((t, truth(t)[column]), (times, [event.before[column] for event in inner]),
+                     (times, [event.after[column] for event in inner]))
 
 
 def _inside(truth: Truth, t: np.ndarray) -> list[Event]:

@@ -27,6 +27,8 @@ thousand times the truth has no other unit."""
 COARSE, SLIGHT = 1e-2, 1e-6
 """Parts of a column's size: errors above the one may come from other units, signs or origins; below the other, no cause
 is sought."""
+UNDETERMINED = "not determined by the motion"
+"""Measure of a column that the motion and Coulomb's law leave open throughout."""
 KNOWN = 1e3
 """Ratio of a column's size to its uncertainty above which it is not nothing but rounding."""
 
@@ -55,7 +57,8 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
         off = np.where(np.abs(other) <= np.abs(off), other, off)
         if label == "angle":
             off = off - TURN * np.round(off / TURN)
-        size, tier = float(np.max(np.abs(after[name]))), truth.effort_tier
+        known_truth = after[name][~np.isnan(after[name])]
+        size, tier = float(np.max(np.abs(known_truth), initial=0.0)), truth.effort_tier
         time, error, measure = None, None, "left open at some instants"
         if label in CONTINUOUS:
             worst = int(np.argmax(np.abs(off)))
@@ -63,8 +66,12 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
             tier = truth.tier if label in CONTINUOUS[:6] else tier  # a proof encloses positions and velocities
         elif is_known(trajectory, name):
             mean = effort_error(trajectory, truth, name)
-            error, unsure, measure = mean.value, mean.uncertainty, "mean over time"
-        known = np.isfinite(found).all() and size > KNOWN * truth.uncertainty.get(name, 0.0) and single.any()
+            if mean is not None:
+                error, unsure = mean.value, mean.uncertainty
+                measure = "mean over time" if len(known_truth) == len(found) else "mean over the time it is determined"
+            else:
+                measure = UNDETERMINED
+        known = np.isfinite(found).all() and np.isfinite(after[name]).all() and size > KNOWN * truth.uncertainty.get(name, 0.0) and single.any()
         cause = hint(found[single], after[name][single], off[single], unit) if known else Hint()
         rows.append((name, unit, size, tier, time, error, unsure, measure, *cause))
     return pd.DataFrame(rows, columns=COLUMNS).astype({"at t [s]": float, "error": float})

@@ -106,7 +106,8 @@ def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> J
         return None
     if has_two_sided_events(trajectory):
         found = counterpart(trajectory.events, event, effort, SEARCH)
-        estimate = None if found is None else JumpEstimate(found.time, found.jump(effort), 0.0, 0.0)
+        is_open = found is None or np.isnan(found.jump(effort))
+        estimate = None if is_open else JumpEstimate(found.time, found.jump(effort), 0.0, 0.0)
     else:
         times = np.array([event.time for event in truth.events])
         others = np.abs(np.delete(times, i) - times[i])

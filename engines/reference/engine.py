@@ -28,8 +28,9 @@ AUDITS = {"none": 0, "sampled": 1, "dense": 32}
 """Instants of each step at which Coulomb's law is verified."""
 
 
-_SPLIT = ("surfaces of a slider: equal mobilization f/(mus N); guides that share a friction: the shortest forces "
-          "within their capacities, else as Lemke's method returns it")
+_SPLIT = ("surfaces of a slider: equal mobilization f/(mus N); guides at rest that share a load: the frictions of the "
+          "smallest sum of squares that Coulomb's law admits; a guide that joints lock: no friction; a guide at rest "
+          "that a drive holds, and several forces of one motion: left open (nan)")
 
 
 class ReferenceEngine(Engine):

@@ -142,7 +142,7 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
                              "the folder")
         scene = vary(scene, {"t_end": t_end})
     if isinstance(frame, Trajectory):
-        frame = frame.to_frame(events=True)
+        frame = frame.to_frame(events=True, interpolated=True)
     table = result_table(frame, scene, mapping, units)
     truth = truth or ground_truth(scene)
     table = _within(table, min(scene.t_end, truth.t_end))

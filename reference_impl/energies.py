@@ -31,7 +31,7 @@ def energies(run: Trajectory) -> pd.DataFrame:
     """
     if run.mechanism is None:
         raise InputError(f"mechanism: found None; expected a trajectory that knows its scene, {run.scene}")
-    frame = run.to_frame(events=True)
+    frame = run.to_frame(events=True, interpolated=True)
     return energy_columns(run.mechanism, frame["t"].to_numpy(), {name: frame[name].to_numpy() for name in frame})
 
 

@@ -19,20 +19,28 @@ _RATES = {**dict(zip(POSITIONS, VELOCITIES)), "displacement": "slip_velocity"}
 _SECOND_RATES = dict(zip(POSITIONS, ACCELERATIONS))
 
 
-def with_sides(frame: pd.DataFrame, events: Iterable[Event]) -> pd.DataFrame:
+def with_sides(frame: pd.DataFrame, events: Iterable[Event], interpolates: bool = True) -> pd.DataFrame:
     """Return a table of a motion, column ``t`` and others, with the two rows of each event.
 
-    An event of one of several independent parts does not have the columns of the others: there they are interpolated.
+    An event of one of several independent parts does not have the columns of the others: there they are interpolated,
+    or NaN if told not to.
     """
+    events = tuple(events)
     sides = pd.DataFrame([{"t": event.time, **side} for event in events for side in (event.before, event.after)],
                          columns=frame.columns)
+    if not interpolates:
+        return _in_order(frame, sides) if len(sides) else frame
+    # columns that an event does not have; a force that is left open is nan, and stays so
+    absent = [side.keys() for event in events for side in (event.before, event.after)]
     groups: dict[bytes, list[str]] = {}
     for name in sides.columns[sides.isna().any() & frame.notna().all() & (len(frame) > 1)]:
-        groups.setdefault(sides[name].isna().to_numpy().tobytes(), []).append(name)
+        lacks = np.array([name not in columns for columns in absent])
+        if lacks.any():
+            groups.setdefault(lacks.tobytes(), []).append(name)
     t = sides["t"].to_numpy()
-    for names in groups.values():
-        lacks = sides[names[0]].isna().to_numpy()
-        columns = interpolated(_in_order(frame[["t", *names]], sides.loc[~lacks, ["t", *names]]))
+    for pattern, names in groups.items():
+        lacks = np.frombuffer(pattern, dtype=bool)
+        columns = interpolated(_in_order(frame[["t", *names]], sides.loc[~lacks, ["t", *names]].dropna()))
         before, after = (columns(t[lacks], side) for side in ("before", "after"))
         # of several events at one instant
         passed = np.maximum.accumulate(np.where(lacks, -np.inf, t))[lacks] == t[lacks]

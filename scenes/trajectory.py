@@ -244,18 +244,20 @@ class Trajectory:
 
         return trajectory_html(self)
 
-    def to_frame(self, events: bool = False) -> pd.DataFrame:
+    def to_frame(self, events: bool = False, interpolated: bool = False) -> pd.DataFrame:
         """A table with one row per output time.
 
         With `events`, two more rows per event, the values before and after it, so that a
-        jump is a vertical line and not an interpolation; see `stiction.scenes.motion_table.with_sides`.
+        jump is a vertical line and not an interpolation; see `stiction.scenes.motion_table.with_sides`. An event of one
+        of several independent parts of a scene has no values of the others: they are NaN in its rows or, if
+        `interpolated`, polynomials between the rows of their own, which obey the equations of motion less exactly.
         """
         import pandas as pd
 
         from stiction.scenes.motion_table import with_sides
 
         frame = pd.DataFrame({"t": self.t, **self.columns})
-        return with_sides(frame, self.events) if events else frame
+        return with_sides(frame, self.events, interpolated) if events else frame
 
 
 def events_frame(events: Iterable[Event]) -> pd.DataFrame:

@@ -70,7 +70,7 @@ def _reference(records: list[Record], truth: Truth | None) -> tuple[str, pd.Data
             and run.settings.get("method") == "event" and run.termination == "end"]
     if runs:
         best, run = min(runs, key=lambda pair: pair[0].step)
-        return run_label(best), run.to_frame(events=True)
+        return run_label(best), run.to_frame(events=True, interpolated=True)
     if truth is None:
         return "", pd.DataFrame()
     t = np.linspace(0.0, truth.t_end, SAMPLES)

@@ -9,7 +9,8 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.integration.dop853 import BY_TIME, EXTRA, STAGES, A, C, combine, error_norm
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.dynamics import largest_force, largest_speed, row_form
+from stiction.reference_impl.multibody.dynamics import (largest_force, largest_speed, largest_term,
+                                                         row_form)
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 from stiction.reference_impl.multibody.singular_positions import (ALWAYS_DEPENDENT, AROUND, NEAR, lengths,
                                                                   pivots_are_above, singular_rows, smallest)
@@ -126,10 +127,14 @@ def noise(s, e):
 
 @kernel
 def remember(m, w, s):
-    """Keep the largest speed and force so far, by which rounding is judged; forces as of a guide's normal row."""
+    """Keep the largest speed and force so far, by which rounding is judged; forces as of a guide's normal row.
+
+    A force that the terms of its equation leave small is known to the rounding of these terms: so is that of a guide
+    which falls with its slider, without any load.
+    """
     n, y, p = len(m.inverse_mass), s.y, s.progress
     p.speed = max(p.speed, largest_speed(m, y[n:]))
-    largest = largest_force(m, w, w.force) if len(m.friction) else 0.0
+    largest = max(largest_force(m, w, w.force), largest_term(m, w)) if len(m.friction) else 0.0
     for f in range(len(m.friction)):
         normal = m.friction[f].row
         p.force = max(p.force, largest / np.sqrt(w.G[normal, normal]))

@@ -124,6 +124,18 @@ def largest_force(m, w, force):
 
 
 @kernel
+def largest_term(m, w):
+    """The largest term that row forces balance: applied forces and centripetal terms, measured as `largest_force`."""
+    largest = 0.0
+    for k in range(len(w.free)):
+        largest = max(largest, abs(w.free[k]) / sqrt(m.inverse_mass[k]))
+    for r in range(m.rows):
+        if w.G[r, r] > 0.0:
+            largest = max(largest, abs(w.gamma[r]) / sqrt(w.G[r, r]))
+    return largest
+
+
+@kernel
 def largest_speed(m, v):
     """The largest speed in v (3 * bodies,), m/s; turning counts at the distance of the mechanism's size."""
     largest = 0.0

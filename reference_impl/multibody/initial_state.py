@@ -13,10 +13,26 @@ from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.subsystems import independent_parts
 from stiction.scenes import Problem, Scene, SceneError, vary
+from stiction.scenes.laws import evaluate_law
+from stiction.scenes.model import Translational
 
 CONSISTENT = 1e-9
 """Residual of Phi relative to the mechanism's size, and of Phi' relative to size per second or the largest speed, up to
 which a start counts as consistent: the accuracy to which scene files are written by hand, times a reserve."""
+
+
+ROUNDINGS = 8
+"""Roundings of the largest coordinate of a scene that the residual of a constraint may have."""
+
+
+def _largest_coordinate(scene: Scene) -> float:
+    """The largest coordinate of a body, of a point of a joint or drive, or value of a law at the start."""
+    values = [abs(x) for body in scene.bodies.values() for x in (*body.position, body.angle)]
+    for element in [*scene.joints.values(), *scene.drives.values()]:
+        points = (element.slider_point, element.point) if isinstance(element, Translational) else element.points
+        values += [abs(x) for point in points for x in point]
+    values += [abs(evaluate_law(drive.law, 0.0)[0]) for drive in scene.drives.values()]
+    return max(values)
 
 
 def consistent_start(mechanism: Mechanism, assemble: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -53,7 +69,9 @@ def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray
         return q, v, []
     row_form(m, w, 0.0, q, v)
     speed = max(m.length_scale, *map(abs, v.tolist()))
-    position_floor, velocity_floor = CONSISTENT * m.length_scale, CONSISTENT * speed
+    # no residual is known better than the numbers that it is the difference of, far from the origin or from a guide's point
+    position_floor = max(CONSISTENT * m.length_scale, ROUNDINGS * np.spacing(_largest_coordinate(mechanism.scene)))
+    velocity_floor = CONSISTENT * speed
     if assemble and all(map(isfinite, w.phi.tolist())):
         project(m, w, 0.0, q, v, np.zeros(len(m.friction), dtype=np.int64), False, 50)
         row_form(m, w, 0.0, q, v)

@@ -127,7 +127,7 @@ def write_data(results: Results, folder: Path, stored: Container[str]) -> None:
     events = []
     for key, record in {record.key: record for record in reversed(everything)}.items():  # the first run of each key
         if key in files:
-            write_frame(thinned(record.run).to_frame(events=True), folder / files[key])
+            write_frame(thinned(record.run).to_frame(events=True, interpolated=True), folder / files[key])
         if record.trajectory is not None and record.trajectory.events:
             events.append(events_frame(record.trajectory.events).assign(key=key))
     for name, truth in results.truths.items():

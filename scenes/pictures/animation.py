@@ -70,7 +70,7 @@ def film_page(scene: Scene, trajectory: Trajectory) -> str:
     """Make a page with the mechanism, drawn by the browser at the time that its slider shows."""
     rows = np.unique(np.linspace(0, len(trajectory.t) - 1, MOST).astype(int))
     view = view_of(scene, [poses_at(scene, trajectory, row) for row in rows])
-    frame, block = trajectory.to_frame(events=True), Columns()
+    frame, block = trajectory.to_frame(events=True, interpolated=True), Columns()
     t, name = frame["t"].to_numpy(), f"{trajectory.engine} {trajectory.version}"
     columns = {column: frame[column] for column in (*pose_columns(scene), *force_columns(scene))} | load_signs(scene, t)
     content = {"mechanism": mechanism(scene, view), "name": name,

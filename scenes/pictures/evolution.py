@@ -31,7 +31,7 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
     for run, name in product(runs, columns):
         run[name]
     panels = [([name], f"{name} [{unit_of(name, first.mechanism)}]") for name in columns] or _usual(first)
-    frames = [run.to_frame(events=True) for run in runs]
+    frames = [run.to_frame(events=True, interpolated=True) for run in runs]
     stick = [] if several else _stick(frames[0])
     with rc():
         picture = Picture((0.6 if several else 0.4) + 1.25 * len(panels))

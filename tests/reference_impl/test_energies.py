@@ -24,7 +24,7 @@ def test_friction_spring_and_load_of_the_oscillator():
         found = energies(run)
         left.append(np.abs(found["balance"]).max())
         assert (np.diff(found["guide.dissipated"]) >= -1e-12).all() and found["guide.dissipated"].iloc[-1] > 0
-        frame = run.to_frame(events=True)
+        frame = run.to_frame(events=True, interpolated=True)
         kinetic = sum(body.mass * (frame[f"{name}.vx"] ** 2 + frame[f"{name}.vy"] ** 2) / 2
                       + body.inertia * frame[f"{name}.omega"] ** 2 / 2 for name, body in scene.bodies.items())
         np.testing.assert_allclose(found["kinetic"], kinetic, atol=1e-12)
@@ -43,7 +43,7 @@ def test_what_is_missing_is_named():
 @pytest.mark.parametrize("name", ["slider-bar-case-1", "elliptic-trammel", "slider-crank", "mass-on-belt", "slider-on-moving-guide"])
 def test_motions_of_the_reference_account_for_all_of_it(name):
     run = load_engine("reference").simulate(load_scene(name), t_end=4.0, rtol=1e-10, output_step=2e-3)
-    frame = run.to_frame(events=True)
+    frame = run.to_frame(events=True, interpolated=True)
     columns = {column: frame[column].to_numpy(float) for column in needed_columns(load_scene(name))}
     left, unsure, exchanged = unaccounted_energy(load_scene(name), frame["t"].to_numpy(), columns)
     assert left <= unsure + 1e-9 * exchanged and unsure < 1e-3 * exchanged and exchanged > 0

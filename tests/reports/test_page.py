@@ -323,7 +323,7 @@ def test_pages_of_nothing(lost_records, truths, tmp_path, open_page):
 def test_time_series_keep_both_sides_of_every_event_and_what_can_be_seen(report_folder):
     for record in read_run(report_folder).validation().records:
         if record.trajectory is not None:
-            whole = record.trajectory.to_frame(events=True)
+            whole = record.trajectory.to_frame(events=True, interpolated=True)
             columns = ["slider.vx", "guide.F1", "motor.effort"]
             ranges = {column: (whole[column].min(), whole[column].max()) for column in columns}
             frame = decimated(whole, ranges)

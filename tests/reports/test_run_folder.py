@@ -114,7 +114,7 @@ def test_data_in_full_precision(validation, report_folder):
     reference = validation.records[0]
     runs = pd.read_parquet(report_folder / "data" / "runs.parquet").set_index("key")
     stored = pd.read_parquet(report_folder / runs.loc[reference.key, "trajectory"])
-    pd.testing.assert_frame_equal(stored, reference.trajectory.to_frame(events=True), check_exact=True)
+    pd.testing.assert_frame_equal(stored, reference.trajectory.to_frame(events=True, interpolated=True), check_exact=True)
     assert len(stored) == len(reference.trajectory.t) + 2 * len(reference.trajectory.events)
     events = pd.read_parquet(report_folder / "data" / "events.parquet")
     assert list(events[events["key"] == reference.key]["t"]) == [event.time for event in reference.trajectory.events]

@@ -21,10 +21,22 @@ def run(compiled):
 
 def test_events_of_independent_parts_have_all_columns(run):
     """Interpolated where a part has no event: within what the truth and the run at rtol 1e-9 leave."""
-    frame, truth = run.to_frame(events=True), ground_truth(run.mechanism)
+    frame, truth = run.to_frame(events=True, interpolated=True), ground_truth(run.mechanism)
     assert frame.notna().all(axis=None) and len(frame) == len(run.t) + 2 * len(run.events)
     true = truth(frame["t"].to_numpy())
     assert max(np.abs(frame[name] - true[name]).max() for name in true if name.endswith((".x", ".vx"))) < 1e-7
+
+
+def test_rows_of_events_have_no_values_that_the_run_has_not_computed(run):
+    """A reader takes each number of a table for the reference's own: those of other parts are left out."""
+    frame = run.to_frame(events=True)
+    assert len(frame) == len(run.t) + 2 * len(run.events)
+    for event in run.events:
+        rows = frame[frame["t"] == event.time]
+        others = [name for name in run.columns if name not in event.before and not name.startswith("drift.")]
+        assert others and rows[others].isna().any(axis=None)
+        for side in (event.before, event.after):
+            assert any(all(row[name] == value for name, value in side.items()) for _, row in rows.iterrows())
 
 
 def test_their_energies_have_no_gaps(run):

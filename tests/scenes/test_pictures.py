@@ -162,7 +162,7 @@ class TestFilm:
         content = json.loads(re.search(r'id="film-data">(.*?)</script>', (folder / "run.html").read_text(), re.S)[1])
         assert set(content["columns"]) >= {"bar.x", "bar.angle", "slider.x", "guide.F1", "guide.F4", "load load"}
         _, rows, low, step, _ = content["block"]["columns"][content["columns"]["slider.x"]]
-        shown = run.to_frame(events=True)["slider.x"]
+        shown = run.to_frame(events=True, interpolated=True)["slider.x"]
         assert rows == len(shown) and (low, low + step * (2 ** 16 - 2)) == pytest.approx((shown.min(), shown.max()), rel=1e-9)
         assert content["largest"] == max(run[f"guide.F{i}"].max() for i in (1, 2, 3, 4))
         assert [part["text"] for part in content["mechanism"]["parts"] if part["kind"] == "label"][:4] == ["1", "2", "3", "4"]

@@ -60,7 +60,7 @@ def test_stored_runs_are_read_back_bit_by_bit(small, folder):
     files = data_tables(small, stored_keys(small))["runs"].set_index("key")[TRAJECTORY].dropna()
     for run in small.records:
         if run.key in files:
-            pd.testing.assert_frame_equal(pd.read_parquet(folder / files[run.key]), thinned(run.trajectory).to_frame(events=True), check_exact=True)
+            pd.testing.assert_frame_equal(pd.read_parquet(folder / files[run.key]), thinned(run.trajectory).to_frame(events=True, interpolated=True), check_exact=True)
 
 
 def test_fine_samples_are_thinned_and_events_are_not():
@@ -84,7 +84,7 @@ def test_the_command_makes_the_same_run(label, rung, tmp_path, monkeypatch, in_t
     assert command[:2] == ["stiction", "run"]
     monkeypatch.chdir(tmp_path)
     invoke(*command[1:], "--out", "again.parquet", "--events")
-    pd.testing.assert_frame_equal(pd.read_parquet("again.parquet"), run.to_frame(events=True), check_exact=True)
+    pd.testing.assert_frame_equal(pd.read_parquet("again.parquet"), run.to_frame(events=True, interpolated=True), check_exact=True)
 
 
 def test_an_effect_is_made_again_with_all_effects(small):

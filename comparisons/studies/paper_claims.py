@@ -35,7 +35,7 @@ from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState, stick_threshold
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
-from stiction.scenes import Scene, Trajectory, scene_to_toml, vary
+from stiction.scenes import Scene, Trajectory, load_scene, scene_to_toml, vary
 
 HOLDS, STEADY, PARTLY, FAILS = "holds", "holds in the steady state only", "partly", "does not hold"
 CONTRADICTS, NOT_TESTABLE, UNDECIDED = "contradicts itself", "not testable", "not decided"
@@ -331,18 +331,50 @@ def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:
     return {"reason": found.reason, "claims that change": of_claims, "numbers that change": of_numbers, **found.numbers}
 
 
+def general_claims() -> list[dict[str, Any]]:
+    """Rows as of `claims_table` for sentences about all systems: one counter-example decides.
+
+    The mechanism is of the paper's kind, with one driving constraint and one frictional translational joint. Its motion
+    is given by kinematics; the forces are all solutions of the HLCP at t = 0 (`Trajectory.alternatives`).
+    """
+    rows = []
+    for entry in _QUOTED["general_claim"]:
+        scene = load_scene(entry["scene"])
+        run = ReferenceEngine().simulate(scene, t_end=scene.t_end, dt=scene.t_end / 100)
+        forces = run.alternatives.get(entry["effort"])
+        known = run[entry["effort"]][:1] if forces is None else forces[0][~np.isnan(forces[0])]
+        margin = 2.0 - len(known)
+        why = f"{scene.name} at t = 0: {entry['effort']} of {' or '.join(f'{value:.5g}' for value in known)} N"
+        rows.append({"case": "-", "place": entry["place"], "claim": entry["words"],
+                     "verdict": HOLDS if margin > 0.0 else FAILS, "why": why, "margin is": entry["margin"],
+                     "truth tier": "closed form", "margin, HLCP, from the start": margin})
+    return rows
+
+
+def general_claims_comparison() -> Comparison[pd.DataFrame]:
+    """`general_claims` in a task of its own; a row that says why where it failed."""
+    def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
+        outcome, = outcomes
+        failed = [{"case": "-", "place": "", "claim": "[about all systems]", "verdict": UNDECIDED, "why": outcome.reason}]
+        found = pd.DataFrame(failed if outcome.value is None else outcome.value)
+        return found.assign(status=outcome.status, reason=outcome.reason)
+
+    return Comparison((Task("claims/general", general_claims, ()),), tabulate)
+
+
 def plan(scope: Scope) -> Comparison[Tables]:
     """Statements about the motion, about drift on the runs of its study, and at full depth about open choices."""
     cases = dict(enumerate(scope.scenes, 1))
     parts: list[Comparison[Any]] = [claims_comparison(cases, scope.known[TRUTH][True]),
-                                    drift_study_comparison(cases, scope.depth)]
+                                    drift_study_comparison(cases, scope.depth), general_claims_comparison()]
     if extent(scope.depth).sensitivity:
         parts.append(sensitivity_comparison(cases))
 
     def tables(found: list[Any]) -> Tables:
-        motion, drift, *open_choices = found
+        motion, drift, general, *open_choices = found
         about_drift = pd.DataFrame(drift_claims(drift.tables["study"], scope.scenes[0].name))
-        every = pd.concat([motion, about_drift.assign(status="ok", reason="")], ignore_index=True)
+        every = pd.concat([motion, about_drift.assign(status="ok", reason=""), general],
+                          ignore_index=True)
         return Tables({"claims": every, **dict(zip(["sensitivity"], open_choices))})
 
     return side_by_side(parts, tables)
@@ -363,9 +395,9 @@ def present(results: Results) -> Presentation:
     short = (Column("case"), Column("verdict"), Column("claim", "statement"), Column("why"))
     columns = (*short, Column("place", "where"), Column("margins"), Column("run needed [s]", "run needed"),
                Column("step needed [s]", "step needed"))
-    tables = [view("claims-open", "The paper's statements about its example (Sect. 5) that do not simply hold.",
+    tables = [view("claims-open", "The paper's statements that do not simply hold: about its example (Sect. 5), and about forces.",
                    rarest[rarest["verdict"] != HOLDS], short, source="claims"),
-              view("claims", "All statements of the paper about its example, the rarest verdicts first.", rarest,
+              view("claims", "All statements of the paper about its example and about forces, the rarest verdicts first.", rarest,
                    columns, in_report=False)]
     open_choices, choices = TracedText(), results.table("sensitivity")
     if len(choices):

@@ -11,7 +11,7 @@ from stiction.scenes import catalogue, load_scene, scene_from_dict, scene_to_tom
 NAMES = {"painleve-rod", "uniqueness-lost", "existence-lost", "slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3",
          *(f"slider-bar-case-{n}-{kind}" for n in (1, 2, 3) for kind in ("mus-equals-mu", "frictionless")),
          "coulomb-oscillator", "block-on-incline", "mass-on-belt", "four-bar", "pendulum", "slider-crank",
-         "elliptic-trammel", "slider-on-moving-guide",
+         "elliptic-trammel", "slider-on-moving-guide", "block-pulled-by-strut",
          *(f"hold-{name}" for name in ("level", "incline", "bar", "moment", "turning-bar", "vibration"))}
 
 

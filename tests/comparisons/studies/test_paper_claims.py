@@ -14,9 +14,10 @@ from stiction.comparisons.measures.steady_stretch import run_stretch, steady_str
 from stiction.comparisons.studies import paper_claims
 from stiction.comparisons.studies.paper_claims import (CHOICES, CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDECIDED,
                                                        Claim, Sensitivity, Views, claims, drift_claims, findings,
-                                                       paper_run, sensitivity, sensitivity_comparison, verdict)
+                                                       general_claims, paper_run, sensitivity, sensitivity_comparison, verdict)
 from stiction.comparisons.truth import StickThreshold, slider_bar_truth
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState
+from stiction.engines import load_engine
 from stiction.engines.isolation import Outcome
 from stiction.scenes import load_scene, vary
 
@@ -209,3 +210,21 @@ def test_a_choice_without_a_steady_state_is_reported_by_case(monkeypatch):
     found = sensitivity(CASES, {})
     assert found.reason == "case 2: no steady state of up to 8 periods" and not any("case 2" in name for name in found.numbers)
     assert found.numbers["stick time per period, case 1 [s]"] == pytest.approx(0.5323, abs=5e-5)
+
+
+def test_forces_of_a_driven_mechanism_are_not_always_computed_easily():
+    """A strut at 80 degrees pulls a block back: P c + mu |W + P s| = m a, W = m g, has two roots.
+
+    With the block pressed down, P = -(mu W - m a) / (c + mu s); with the block lifted off, P = (m a + mu W) / (c - mu s).
+    """
+    row, = general_claims()
+    assert row["verdict"] == FAILS
+    scene = load_scene("block-pulled-by-strut")
+    c, s, mu, weight = np.cos(np.deg2rad(80)), np.sin(np.deg2rad(80)), 0.3, 10.0
+    x, rate, length = scene.bodies["block"].position[0], -0.001, scene.drives["strut"].law.offset
+    a = (rate ** 2 - (rate * length / x) ** 2) / x  # x^2 + h^2 = L^2, twice differentiated
+    run = load_engine("reference").simulate(scene)
+    efforts = run.alternatives["strut.effort"][0]
+    np.testing.assert_allclose(np.sort(efforts), np.sort([-(mu * weight - a) / (c + mu * s), (a + mu * weight) / (c - mu * s)]),
+                               rtol=1e-9)
+    assert np.isnan(run["strut.effort"]).all() and np.isnan(run["guide.friction"]).all()

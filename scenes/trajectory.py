@@ -132,9 +132,9 @@ class Trajectory:
     breakdown : Breakdown, optional
         The same in data, where the engine knows it.
     alternatives : Mapping[str, ndarray]
-        By the name of a column, shape (n, k): all values of a force that Coulomb's law allows for the same motion, where
-        there are several. The column is NaN there, this is NaN elsewhere and behind the last value. Empty where all
-        forces are determined, and for engines that do not look for other solutions.
+        By the name of a column, shape (n, k): all values of a force that Coulomb's law allows for the same motion,
+        where there are several. The column is NaN there, this is NaN elsewhere and behind the last value. Empty where
+        all forces are determined, and for engines that do not look for other solutions.
     mechanism : Scene, optional
         Added by `Engine.simulate`; None for one of a run folder, which cannot be drawn.
     """

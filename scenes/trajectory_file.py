@@ -40,7 +40,8 @@ def load_trajectory(file: str | Path) -> Trajectory:
         there = "no trajectory" if found is None else f"version {found}"
         raise InputError(f"{file}: found {there}; expected a file of Trajectory.save, version {_VERSION}")
     columns = {name: table[name].to_numpy() for name in table.column_names}
-    about["alternatives"] = {name: np.array(values, dtype=float) for name, values in about.pop("alternatives", {}).items()}
+    alternatives = about.pop("alternatives", {})
+    about["alternatives"] = {name: np.array(values, dtype=float) for name, values in alternatives.items()}
     about["events"] = tuple(Event(**event) for event in about["events"])
     about["cost"] = Cost(**about["cost"])
     if about["breakdown"]:

@@ -91,8 +91,8 @@ def _event_errors(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
 def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Uncertain | None:
     """Return the mean of the effort's |error| over time, from the method's own values.
 
-    Stretches in which the truth leaves the effort open (nan), as where a motor holds against friction or several efforts
-    give one motion, are not charged for: the mean is over the others. None where there are none.
+    Stretches in which the truth leaves the effort open (nan), as where a motor holds against friction or several
+    efforts give one motion, are not charged for: the mean is over the others. None where there are none.
 
     Values are compared at the instants of the run and on both sides of its events, where they are its own. Between
     them the error is interpolated, not the effort, so that the result depends on the output instants as little as the

@@ -71,7 +71,8 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
                 measure = "mean over time" if len(known_truth) == len(found) else "mean over the time it is determined"
             else:
                 measure = UNDETERMINED
-        known = np.isfinite(found).all() and np.isfinite(after[name]).all() and size > KNOWN * truth.uncertainty.get(name, 0.0) and single.any()
+        is_complete = np.isfinite(found).all() and np.isfinite(after[name]).all()
+        known = is_complete and size > KNOWN * truth.uncertainty.get(name, 0.0) and single.any()
         cause = hint(found[single], after[name][single], off[single], unit) if known else Hint()
         rows.append((name, unit, size, tier, time, error, unsure, measure, *cause))
     return pd.DataFrame(rows, columns=COLUMNS).astype({"at t [s]": float, "error": float})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
@@ -106,8 +107,8 @@ def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> J
         return None
     if has_two_sided_events(trajectory):
         found = counterpart(trajectory.events, event, effort, SEARCH)
-        is_open = found is None or np.isnan(found.jump(effort))
-        estimate = None if is_open else JumpEstimate(found.time, found.jump(effort), 0.0, 0.0)
+        jump = math.nan if found is None else found.jump(effort)
+        estimate = None if found is None or math.isnan(jump) else JumpEstimate(found.time, jump, 0.0, 0.0)
     else:
         times = np.array([event.time for event in truth.events])
         others = np.abs(np.delete(times, i) - times[i])

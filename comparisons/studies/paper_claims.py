@@ -355,7 +355,8 @@ def general_claims_comparison() -> Comparison[pd.DataFrame]:
     """`general_claims` in a task of its own; a row that says why where it failed."""
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         outcome, = outcomes
-        failed = [{"case": "-", "place": "", "claim": "[about all systems]", "verdict": UNDECIDED, "why": outcome.reason}]
+        failed = [{"case": "-", "place": "", "claim": "[about all systems]", "verdict": UNDECIDED,
+                   "why": outcome.reason}]
         found = pd.DataFrame(failed if outcome.value is None else outcome.value)
         return found.assign(status=outcome.status, reason=outcome.reason)
 
@@ -395,9 +396,11 @@ def present(results: Results) -> Presentation:
     short = (Column("case"), Column("verdict"), Column("claim", "statement"), Column("why"))
     columns = (*short, Column("place", "where"), Column("margins"), Column("run needed [s]", "run needed"),
                Column("step needed [s]", "step needed"))
-    tables = [view("claims-open", "The paper's statements that do not simply hold: about its example (Sect. 5), and about forces.",
+    tables = [view("claims-open", "The paper's statements that do not simply hold: about its example (Sect. 5), and "
+                                  "about forces.",
                    rarest[rarest["verdict"] != HOLDS], short, source="claims"),
-              view("claims", "All statements of the paper about its example and about forces, the rarest verdicts first.", rarest,
+              view("claims", "All statements of the paper about its example and about forces, the rarest verdicts "
+                             "first.", rarest,
                    columns, in_report=False)]
     open_choices, choices = TracedText(), results.table("sensitivity")
     if len(choices):

@@ -13,8 +13,7 @@ from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Real
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.coulomb import (capacity, coefficient, corner_forces, friction_coefficients,
-                                                      sticks)
+from stiction.reference_impl.friction.coulomb import capacity, coefficient, corner_forces, friction_coefficients, sticks
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, largest_speed, row_acceleration
 from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Workspace
 
@@ -25,8 +24,8 @@ SLACK = 1e-10
 """Wrong sign of a force (measured as in `dynamics.largest_force`), or of an acceleration, relative to the largest, that
 counts as zero."""
 SAME = 1e-6
-"""Difference of accelerations or forces, relative to the largest, up to which two modes are one solution: at a tie of signs two
-modes give the same forces to rounding, and a hyperstatic friction splits without influence on the motion."""
+"""Difference of accelerations or forces, relative to the largest, up to which two modes are one solution: at a tie of
+signs two modes give the same forces to rounding, and a hyperstatic friction splits without influence on the motion."""
 
 
 @kernel
@@ -48,9 +47,10 @@ def solutions(m: Arrays, w: Workspace, slip: Integers, forces: Table, directions
     """The consistent contact modes of the rows in the workspace; the static coefficient holds for every guide at rest.
 
     `slip` and `compliance` as in `hlcp.assemble`. `forces`, (k, rows + frictional), receives the row forces of the
-    first k solutions whose accelerations differ or, if told `by_force`, whose row forces do; the search ends with the k-th. `directions`, (k, frictional), receives
-    the direction in which each guide slips or begins to; 0 for one that stays at rest. Returns the number of solutions
-    found, of those whose linear system is regular; TOO_MANY of more than `limit` modes.
+    first k solutions whose accelerations differ or, if told `by_force`, whose row forces do; the search ends with the
+    k-th. `directions`, (k, frictional), receives the direction in which each guide slips or begins to; 0 for one that
+    stays at rest. Returns the number of solutions found, of those whose linear system is regular; TOO_MANY of more than
+    `limit` modes.
     """
     nr, nf = m.rows, len(m.friction)
     if modes(m, slip) > limit:

@@ -70,7 +70,8 @@ def _rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals)
     for r in range(len(row)):
         of_row = w.slip_speed[r - m.rows] if r >= m.rows else w.phi_dot[m.origin[r] if len(m.origin) else r]
         rate[r] = of_row / size[r]
-        if (r < m.rows or held[r - m.rows] and m.friction[r - m.rows].freedom == FREE) and _left(row, rate, basis, count, r) > DEPENDENT:
+        is_held = r < m.rows or held[r - m.rows] and m.friction[r - m.rows].freedom == FREE
+        if is_held and _left(row, rate, basis, count, r) > DEPENDENT:
             _admit(row, rate, basis, count, r)
             count, admitted[r] = count + 1, True
     found, several = np.zeros(len(held), dtype=np.bool_), False

@@ -12,8 +12,8 @@ of reactions, efforts and this friction moves is reported as nan.
 
 While a driven guide slips, f = -mu d (|n1| + |n2|) with n1, n2 linear in f. Where the friction gain (`uniqueness`) is 1
 or more, this equation may have several solutions, with one and the same motion: a strut that pulls a block back beyond
-its angle of friction can push it onto the guide or lift it off. The integration goes on with the smallest of them, which
-is the last to grow without bound; all of them are in `Trajectory.alternatives`, and the columns are nan.
+its angle of friction can push it onto the guide or lift it off. The integration goes on with the smallest of them,
+which is the last to grow without bound. All of them are in `Trajectory.alternatives`, and the columns are nan.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ def take_least_forces(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
 
 
 @kernel(allocates=True)
-def _alternatives(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, slip: IntegerTable, force: Table,
+def _alternatives(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table,  # noqa: PLR0913 - a kernel's arrays
+                  slip: IntegerTable, force: Table,
                   found: Cube, count: Integers) -> None:
     """Fill `found` (n, k, rows + frictional) with the forces of the motion at each instant; `count` (n,): how many.
 

@@ -27,8 +27,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import (RANK_TOLERANCE, add_shortest, decompose,
-                                                             solve_in_place)
+from stiction.reference_impl.compiled.linear_algebra import RANK_TOLERANCE, add_shortest, decompose, solve_in_place
 from stiction.reference_impl.compiled.loops import product, taken
 from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.friction.frozen_mode import fill_mode, friction_of

@@ -9,8 +9,7 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.integration.dop853 import BY_TIME, EXTRA, STAGES, A, C, combine, error_norm
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.dynamics import (largest_force, largest_speed, largest_term,
-                                                         row_form)
+from stiction.reference_impl.multibody.dynamics import largest_force, largest_speed, largest_term, row_form
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 from stiction.reference_impl.multibody.singular_positions import (ALWAYS_DEPENDENT, AROUND, NEAR, lengths,
                                                                   pivots_are_above, singular_rows, smallest)

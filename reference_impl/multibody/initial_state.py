@@ -69,7 +69,7 @@ def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray
         return q, v, []
     row_form(m, w, 0.0, q, v)
     speed = max(m.length_scale, *map(abs, v.tolist()))
-    # no residual is known better than the numbers that it is the difference of, far from the origin or from a guide's point
+    # no residual is known better than the numbers that it is the difference of, far from the origin
     position_floor = max(CONSISTENT * m.length_scale, ROUNDINGS * np.spacing(_largest_coordinate(mechanism.scene)))
     velocity_floor = CONSISTENT * speed
     if assemble and all(map(isfinite, w.phi.tolist())):

@@ -50,8 +50,8 @@ CONSTRAINT = _record("kind row a b law friction", "ax ay bx by ux uy offset")
 """Bodies a and b, their points, direction (ux, uy) in the axes of b, offset of the angle, frictional guide or -1."""
 FRICTION = _record("row corners pair freedom", "length width mu mus")
 """Row of the guide's normal force (that of the moment follows), length 0 where it has none; `corners`, the normal
-forces that have one sign each (2, or 1 without length), `pair`, the first of their pairs in the HLCP, and `freedom`, one
-of `guide_freedom.GuideFreedom`."""
+forces that have one sign each (2, or 1 without length), `pair`, the first of their pairs in the HLCP, and `freedom`,
+one of `guide_freedom.GuideFreedom`."""
 SPRING = _record("kind a b", "ax ay bx by ux uy stiffness damping rest")
 LOAD = _record("body law", "px py ux uy")
 CELL = _record("first end band first_entry end_entry first_block end_block", "")
@@ -265,8 +265,8 @@ class Mechanism:
     def largest_ratio_of_masses(self) -> float:
         """Largest ratio of masses that guides, pins and levers couple.
 
-        Levers couple masses and inertias; without one a guide couples masses with masses, inertias with inertias. Where a
-        mechanism stands does not matter.
+        Levers couple masses and inertias; without one a guide couples masses with masses, inertias with inertias. Where
+        a mechanism stands does not matter.
         """
         bodies, lever = self.scene.bodies.values(), self._largest_lever()
         masses, inertias = [body.mass for body in bodies], [body.inertia for body in bodies]
@@ -375,7 +375,8 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
         count = len(rows) - len(friction)
         found.append(m.replaced(
             rows=count, constraint=m.constraint[:0], friction=friction, spring=m.spring[:0], load=m.load[:0],
-            law=m.law[:0], knots=m.knots[:0], unfree=int(np.count_nonzero(friction["freedom"])), block=block, pair=m.pair[:0], smooth=_hlcp_pairs(count, friction),
+            law=m.law[:0], knots=m.knots[:0], unfree=int(np.count_nonzero(friction["freedom"])),
+            block=block, pair=m.pair[:0], smooth=_hlcp_pairs(count, friction),
             origin=rows, **dict(zip(("cell", "order", "position", "entry"), bands))))
     return tuple(found)
 

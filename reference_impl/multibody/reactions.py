@@ -72,8 +72,8 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
                     for values in (np.where(told, friction, 0.0), told))
     at_once = max(1, _ROOM // max(1, len(m.inverse_mass) * force.shape[1]))
     for part in (slice(first, first + at_once) for first in range(0, len(t), at_once)):
-        columns, free = columns_of_rows(m, t[part], q[part], v[part])
-        force[part] = _balanced(columns, (a[part] - free) / m.inverse_mass, force[part], known[part], m.rows)
+        jacobians, free = columns_of_rows(m, t[part], q[part], v[part])
+        force[part] = _balanced(jacobians, (a[part] - free) / m.inverse_mass, force[part], known[part], m.rows)
     columns = build_columns(mechanism, t, q, v, a, force)
     if reported:
         columns.update(reported)

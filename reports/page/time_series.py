@@ -74,7 +74,8 @@ def _curves(results: Results, scene: str) -> Iterator[Curve]:
     records = one_per_variant(record for record in results.records if record.scene == scene)
     for record in sorted(records, key=lambda record: record.variant.engine != "reference"):
         shown = record.variant.engine != "reference" or record.run.settings.get("method") == "event"
-        yield Curve(run_label(record), record.run.to_frame(events=True, interpolated=True), looks[record.variant.label], shown,
+        frame = record.run.to_frame(events=True, interpolated=True)
+        yield Curve(run_label(record), frame, looks[record.variant.label], shown,
                     compared.get(record.key) or truth)
 
 

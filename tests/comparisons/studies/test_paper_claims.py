@@ -14,7 +14,8 @@ from stiction.comparisons.measures.steady_stretch import run_stretch, steady_str
 from stiction.comparisons.studies import paper_claims
 from stiction.comparisons.studies.paper_claims import (CHOICES, CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDECIDED,
                                                        Claim, Sensitivity, Views, claims, drift_claims, findings,
-                                                       general_claims, paper_run, sensitivity, sensitivity_comparison, verdict)
+                                                       general_claims, paper_run, sensitivity, sensitivity_comparison,
+                                                       verdict)
 from stiction.comparisons.truth import StickThreshold, slider_bar_truth
 from stiction.comparisons.truth.reduced.steady_state import NoSteadyState
 from stiction.engines import load_engine

@@ -18,7 +18,10 @@ allow and that are drawn at random near the start, whatever the drives ask for.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import qr
@@ -26,6 +29,7 @@ from scipy.linalg import qr
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
+from stiction.scenes.model import Drive, Joint
 
 
 class GuideFreedom(IntEnum):
@@ -56,7 +60,18 @@ CLOSED = 1e-10
 """Residual of the joints, in parts of the mechanism's size, at which a position is one that they allow."""
 
 
-def guide_freedoms(scene: Scene, length_scale: float) -> dict[str, GuideFreedom]:
+@dataclass(frozen=True)
+class _Geometry:
+    """What the freedoms of the guides of a scene depend on: equal ones have the same."""
+
+    bodies: tuple[tuple[str, tuple[float, ...]], ...]
+    joints: tuple[tuple[str, Joint], ...]
+    drives: tuple[tuple[str, Drive], ...]
+    length_scale: float
+    scene: Scene = field(compare=False)
+
+
+def guide_freedoms(scene: Scene, length_scale: float) -> Mapping[str, GuideFreedom]:
     """Return the freedom of every frictional guide of a scene, in their order.
 
     Parameters
@@ -65,11 +80,19 @@ def guide_freedoms(scene: Scene, length_scale: float) -> dict[str, GuideFreedom]
     length_scale : float
         A length of the mechanism, m, by which angles are compared with lengths.
     """
-    found = {name: GuideFreedom.FREE for name in scene.frictional_guides}
-    candidates = [name for name in found if _closes_loop(scene, name)]
+    candidates = tuple(name for name in scene.frictional_guides if _closes_loop(scene, name))
     if not candidates:
-        return found
+        return dict.fromkeys(scene.frictional_guides, GuideFreedom.FREE)
+    positions = tuple((name, (*body.position, body.angle)) for name, body in scene.bodies.items())
+    return _freedoms(_Geometry(positions, tuple(scene.joints.items()), tuple(scene.drives.items()), length_scale,
+                               scene), candidates)
 
+
+@lru_cache(maxsize=64)
+def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> Mapping[str, GuideFreedom]:
+    """Variant of `guide_freedoms` for guides that close a loop; a run, its gate and the points of a sweep share it."""
+    scene, length_scale = geometry.scene, geometry.length_scale
+    found = dict.fromkeys(scene.frictional_guides, GuideFreedom.FREE)
     equations = EquationsOfMotion(scene)
     start, _ = equations.start()
     unit = np.where(np.arange(len(start)) % 3 == 2, 1.0 / length_scale, 1.0)
@@ -77,8 +100,7 @@ def guide_freedoms(scene: Scene, length_scale: float) -> dict[str, GuideFreedom]
     names = list(equations.guides)
     beside_joints = np.zeros((POSITIONS, len(names)))
     beside_all = np.zeros((POSITIONS, len(names)))
-    for i, q in enumerate(_positions_near(equations, start, unit, joints,
-                                                length_scale)):
+    for i, q in enumerate(_positions_near(equations, start, unit, joints, length_scale)):
         terms = equations.at(0.0, q, np.zeros_like(q))
         rows, tangents = terms.J * unit, terms.W * unit
         beside_joints[i] = _part_beside(rows[:joints], tangents)
@@ -121,13 +143,13 @@ def _positions_near(equations: EquationsOfMotion, start: np.ndarray, unit: np.nd
     """
     random = np.random.default_rng(20140306)
     closed = CLOSED * min(1.0, length_scale)  # residuals are lengths and angles
+    basis = _span(equations.at(0.0, start, np.zeros_like(start)).J[:joints] * unit)
     found = []
     for _ in range(POSITIONS):
         displacement = AMPLITUDE * length_scale * random.uniform(-1.0, 1.0, len(start))
         position = None
         for _ in range(HALVINGS):
-            rows = equations.at(0.0, start, np.zeros_like(start)).J[:joints] * unit
-            along = displacement - _span(rows) @ (_span(rows).T @ displacement)
+            along = displacement - basis @ (basis.T @ displacement)
             position = _closed(equations, start + unit * along, unit, joints, closed)
             if position is not None:
                 break

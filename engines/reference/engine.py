@@ -135,6 +135,7 @@ class ReferenceEngine(Engine):
         with _linear_algebra().limit(limits=1):
             run = simulate_parts(scene, parts, simulate, t_end)
         rows = _rows_that_are_motion(run, max(part.arrays.length_scale for part in parts))
+        stressed = [name for part in parts for name in part.stressed_guides]
         cost = replace(run.cost, setup_s=run.cost.setup_s + assembled, compile_s=compiling_seconds() - compiled)
         return Trajectory(
             scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t[:rows],
@@ -143,7 +144,8 @@ class ReferenceEngine(Engine):
             alternatives={name: values[:rows] for name, values in run.alternatives.items()},
             settings={**scale, "method": chosen["method"], "solver": chosen["solver"],
                       "stabilization": parts[0].stabilization,
-                      "friction_law": self.capabilities.friction_law["joint"], "hyperstatic_split": _SPLIT})
+                      "friction_law": self.capabilities.friction_law["joint"], "hyperstatic_split": _SPLIT,
+                      **({"loads_left_open": stressed} if stressed else {})})
 
 
 def _rows_that_are_motion(run: Run, size: float) -> int:

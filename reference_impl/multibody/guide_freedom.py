@@ -29,7 +29,7 @@ from scipy.linalg import qr
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
-from stiction.scenes.model import Drive, Joint
+from stiction.scenes.model import Drive, Joint, Translational
 
 
 class GuideFreedom(IntEnum):
@@ -41,6 +41,24 @@ class GuideFreedom(IntEnum):
 
 
 FREE, DRIVEN, LOCKED = (int(kind) for kind in GuideFreedom)
+
+@dataclass(frozen=True)
+class GuideFreedoms:
+    """What a scene leaves to its frictional guides.
+
+    Attributes
+    ----------
+    freedom : Mapping of str to GuideFreedom
+        By guide, in the order of the scene.
+    stressed : tuple of str
+        Guides that a freedom moves and whose load depends on a stress that rigid bodies leave open: of redundant
+        joints, of a guide that joints lock, or between a drive and the friction of a guide that it holds. The motion
+        depends on that stress wherever such a guide slips or is about to.
+    """
+
+    freedom: Mapping[str, GuideFreedom]
+    stressed: tuple[str, ...] = ()
+
 
 DEPENDENT = 1e-6
 """Part of a unit row that is left beside the others, up to which it depends on them. In general position an independent
@@ -71,8 +89,8 @@ class _Geometry:
     scene: Scene = field(compare=False)
 
 
-def guide_freedoms(scene: Scene, length_scale: float) -> Mapping[str, GuideFreedom]:
-    """Return the freedom of every frictional guide of a scene, in their order.
+def guide_freedoms(scene: Scene, length_scale: float) -> GuideFreedoms:
+    """Return the freedom of every frictional guide of a scene, and which of them are stressed.
 
     Parameters
     ----------
@@ -82,14 +100,14 @@ def guide_freedoms(scene: Scene, length_scale: float) -> Mapping[str, GuideFreed
     """
     candidates = tuple(name for name in scene.frictional_guides if _closes_loop(scene, name))
     if not candidates:
-        return dict.fromkeys(scene.frictional_guides, GuideFreedom.FREE)
+        return GuideFreedoms(dict.fromkeys(scene.frictional_guides, GuideFreedom.FREE))
     positions = tuple((name, (*body.position, body.angle)) for name, body in scene.bodies.items())
     return _freedoms(_Geometry(positions, tuple(scene.joints.items()), tuple(scene.drives.items()), length_scale,
                                scene), candidates)
 
 
 @lru_cache(maxsize=64)
-def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> Mapping[str, GuideFreedom]:
+def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> GuideFreedoms:
     """Variant of `guide_freedoms` for guides that close a loop; a run, its gate and the points of a sweep share it."""
     scene, length_scale = geometry.scene, geometry.length_scale
     found = dict.fromkeys(scene.frictional_guides, GuideFreedom.FREE)
@@ -112,7 +130,20 @@ def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> Mapping[str, 
             found[name] = GuideFreedom.LOCKED
         elif np.all(beside_all[:, k] <= DEPENDENT):
             found[name] = GuideFreedom.DRIVEN
-    return found
+
+    # null vectors of the last position: reactions, efforts and frictions of guides that no freedom moves
+    unfree = [names.index(name) for name, freedom in found.items() if freedom != GuideFreedom.FREE]
+    left, size, _ = np.linalg.svd(np.vstack([rows, tangents[unfree]]))
+    rank = int(np.sum(size > RANK * size[0]))
+    moved = np.max(np.abs(left[:, rank:]), axis=1, initial=0.0) > DEPENDENT
+    stressed = [name for name in candidates if found[name] == GuideFreedom.FREE
+                and any(moved[equations.rows.index(f"{name}.{label}")] for label in _load_rows(scene.guides[name]))]
+    return GuideFreedoms(found, tuple(stressed))
+
+
+def _load_rows(guide: Translational) -> tuple[str, ...]:
+    """Names of the rows that the load of a guide depends on: without a length it is the normal force alone."""
+    return ("normal_force", "moment") if guide.length else ("normal_force",)
 
 
 def _closes_loop(scene: Scene, guide: str) -> bool:

@@ -144,6 +144,8 @@ class Mechanism:
     body_names, row_names, guide_names : list of str
         Names of bodies, of constraint rows (``pin.fx``, ``guide.normal_force``, ``motor.effort``) and of
         frictional guides, in the order of the arrays.
+    stressed_guides : tuple of str
+        Guides whose load depends on a stress that rigid bodies leave open; see `guide_freedom.GuideFreedoms`.
     projection : bool
         Whether states are projected onto the constraints after each step.
 
@@ -196,7 +198,8 @@ class Mechanism:
     def _constraints(self) -> dict[str, np.ndarray | float]:
         constraints, row, driven = [], 0, 0
         frictions: list[tuple[float, ...]] = []
-        freedoms = guide_freedoms(self.scene, self._length_scale())
+        found = guide_freedoms(self.scene, self._length_scale())
+        freedoms, self.stressed_guides = found.freedom, found.stressed
         for name, element in [*self.scene.joints.items(), *self.scene.drives.items()]:
             direction, offset, law, guide, rows = (1.0, 0.0), 0.0, -1, NO_GUIDE, 2
             if isinstance(element, Revolute):

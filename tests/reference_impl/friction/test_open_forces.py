@@ -127,3 +127,11 @@ def test_a_start_is_known_to_the_rounding_of_its_coordinates():
     moved = vary(scene, {"slider.position": [-1e-9 * s, 1e-9 * c]})
     with pytest.raises(Exception, match="position residual"):
         ENGINE.simulate(moved)
+
+
+@pytest.mark.parametrize(("name", "guides"), [("hard/two-guides-sliding", ["guide-1", "guide-2"]),
+                                              ("elliptic-trammel", None), ("slider-bar-case-1", None)])
+def test_a_run_says_whose_load_rigid_bodies_leave_open(name, guides):
+    """Two guides of one slider on one line share its normal force in the minimum-norm sense; a trammel's are determined."""
+    run = ENGINE.simulate(load_scene(name), t_end=0.1)
+    assert run.settings.get("loads_left_open") == guides

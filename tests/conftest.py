@@ -67,10 +67,11 @@ LONGEST_REASON = 100
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item, call):
-    """A test that is skipped for a reason of several lines, or a long one, fails."""
+    """Skips of a file with the same reason are one line of the summary; a reason that is long, or has several lines, fails its test."""
     report = yield
     if report.skipped and isinstance(report.longrepr, tuple):
         reason = str(report.longrepr[2]).removeprefix("Skipped: ")
+        report.longrepr = (str(item.path), None, reason)
         if len(reason) > LONGEST_REASON or "\n" in reason:
             report.outcome = "failed"
             report.longrepr = f"found a reason to skip of {len(reason)} characters; expected a line of at most {LONGEST_REASON}: {reason}"

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
+from stiction.comparisons.measures.invariant_shifts import TURN, invariant_shifts
 from stiction.comparisons.measures.settling import (LEAST_PASSES, MOST_PERIODS, NoCommonPeriod, NotSettled,
                                                     excitation_period, settled)
 from stiction.comparisons.studies.stick_threshold import CREEP_TOLERANCE, SHORTEST_STICK
@@ -40,6 +41,8 @@ FAR = 0.4
 """Part of the range of a motion by which it leaves each of its states before it comes back."""
 SAME = 1e-9
 """Relative difference of accelerations and forces of the same mechanism moved along; rounding leaves 1e-13."""
+LEAST_SHIFT = 1e-3
+"""Part of the mechanism's size: shorter shifts in a period are not followed over all of it, by so many of them."""
 OFF_GRID = 1e-2
 """Part of the distance of samples by which one may be off its instant: an engine may put it onto an event that is as
 close."""
@@ -118,9 +121,14 @@ class SteadyWindow:
         self._size = float(self.mechanism.arrays.length_scale)
         self._unit = np.tile([1.0, 1.0, self._size], len(bodies))  # metres in a unit of each coordinate
         self._fastest = float(np.max(np.abs(self._motion[1]) * self._unit))
-        self._ranges = [np.ptp(values, axis=0) * self._unit for values in self._motion[:2]]
-        self._allowed = self.rtol * np.concatenate([REPEATS * self._ranges[0] + self._size,
-                                                    REPEATS * self._ranges[1] + (self._fastest or 1.0)])
+        self._shifts = invariant_shifts(self.scene, self._size)
+        self._places = self._shifts.places(self.whole.t, self._motion[0])
+        of_places, of_velocities = np.ptp(self._places, axis=0), np.ptp(self._motion[1], axis=0) * self._unit
+        # a place on a circle is nowhere farther away than its circumference, however often it goes round
+        of_places = np.where(self._shifts.turns, np.minimum(of_places, TURN * self._size), of_places)
+        self._ranges = [of_places, of_velocities]
+        self._allowed = self.rtol * np.concatenate([REPEATS * of_places + self._size,
+                                                    REPEATS * of_velocities + (self._fastest or 1.0)])
 
     @cached_property
     def start(self) -> float:
@@ -152,70 +160,81 @@ class SteadyWindow:
 
     def _is_steady(self) -> bool:
         """Return True if all bodies rest, or move uniformly along ways on which nothing changes."""
-        q, (of_positions, of_velocities) = self._motion[0], self._ranges
-        if np.max(of_positions) <= self.rtol * self._size:
+        q, of_velocities = self._motion[0], self._ranges[1]
+        if np.max(np.ptp(q, axis=0) * self._unit) <= self.rtol * self._size:
             return True
-        is_uniform = np.max(of_velocities) <= CONTRACTION * REPEATS * self.rtol * self._fastest
-        return bool(is_uniform and np.any(self._shift(self.end - self.whole.t[0], q[-1] - q[0])))
+        if np.max(of_velocities) > CONTRACTION * REPEATS * self.rtol * self._fastest:
+            return False
+        change = self._places[-1] - self._places[0]
+        change -= self._shifts.whole_turns(change)
+        is_same_place = np.all(np.abs(change) <= self._allowed[:len(change)])
+        return bool(is_same_place and self._forces_repeat(self.end - self.whole.t[0], q[-1] - q[0]))
 
     def _order(self, period: float, q: np.ndarray, v: np.ndarray) -> int:
         """Number of periods in which a motion repeats itself, from its states every period, the last at the end."""
         if len(q) < LEAST_PASSES:
             raise NotSettled(f"fewer than {LEAST_PASSES - 1} periods of {period:g} s to look at")
+        passes = np.arange(1 - len(q), 1)
+        places = self._shifts.places(self.end + period * passes, q)
         for order in range(1, min(MOST_PERIODS, len(q) // LEAST_PASSES) + 1):
-            moved = q - np.arange(1 - len(q), 1)[:, None] / order * self._shift(order * period, q[-1] - q[-1 - order])
-            states = np.hstack([moved * self._unit, v * self._unit]) / self._allowed
-            if settled(states, 1.0, CONTRACTION, (order,), 1.0) is not None:
+            turns = self._shifts.whole_turns(places[-1] - places[-1 - order])
+            states = np.hstack([places - np.outer(passes / order, turns), v * self._unit]) / self._allowed
+            if (settled(states, 1.0, CONTRACTION, (order,), 1.0) is not None
+                    and self._forces_repeat(order * period, q[-1] - q[-1 - order])):
                 return order
         raise NotSettled(f"the motion does not repeat itself to {REPEATS * self.rtol:g} of its range within "
                          f"{len(q) - 1} periods of {period:g} s")
 
-    def _shift(self, time: float, change: np.ndarray) -> np.ndarray:
-        """The part of a change of positions in this time that makes no difference.
+    def _forces_repeat(self, time: float, change: np.ndarray) -> bool:
+        """Return True if the forces are the same after the invariant shift that is next to a change in this time.
 
-        That is whole turns, and ways along which nothing changes: forces and accelerations are the same where and when
-        the mechanism is after as many such changes as carry it over its own size.
+        That follows from the scene, but for forces that it leaves open and loads that are not periodic: accelerations
+        and efforts must be the same where and when the mechanism is after as many such shifts as carry it over its own
+        size.
         """
-        turns = 2 * np.pi * np.round(change / (2 * np.pi)) * np.tile([0.0, 0.0, 1.0], len(self.scene.bodies))
-        shift = np.where(np.abs(change - turns) * self._unit <= self._allowed[:len(change)], turns, change)
-        if not np.any(shift):
-            return shift
+        shift = self._shifts.nearest(time, change, self._unit)
         q, v = (values[-1] for values in self._motion[:2])
-        times = int(np.ceil(self._size / np.max(np.abs(shift) * self._unit)))
+        distance = np.max(np.abs(shift) * self._unit)
+        if distance <= LEAST_SHIFT * self._size:
+            return True
+        times = int(np.ceil(self._size / distance))
         here, there = (self.integration.forces_at(self.end + k * time, q + k * shift, v) for k in (0, times))
         efforts = [row for row, name in enumerate(self.mechanism.row_names) if name.endswith(".effort")]
         pairs = ((here[0] * self._unit, there[0] * self._unit, self._fastest / time), (here[1], there[1], 0.0),
                  (here[2][efforts], there[2][efforts], np.max(np.abs(here[2]), initial=0.0)))
-        for values, others, least in pairs:
-            largest = max(least, np.max(np.abs(values), initial=0.0))
-            if not np.max(np.abs(others - values), initial=0.0) <= SAME * largest:
-                return np.zeros_like(shift)
-        return shift
+        return all(np.max(np.abs(others - values), initial=0.0)
+                   <= SAME * max(least, np.max(np.abs(values), initial=0.0)) for values, others, least in pairs)
 
     def _own_period(self) -> float:
         """The shortest time (s) after which a mechanism with constant loads and drives is in the same motion again."""
         (q, v, a), t, n = self._motion, self.whole.t, 3 * len(self.scene.bodies)
         motion = CubicHermiteSpline(t, np.hstack([q, v]), np.hstack([v, a]))  # wrong by h^4/384 of its 4th derivative
-        swings = np.tile(self._ranges[1] > self.rtol * self._fastest, 2)  # the others are in uniform motion
-        weight = np.tile(self._unit, 2)[swings] / np.concatenate(self._ranges)[swings]
-        angle = np.tile([False, False, True], 2 * len(self.scene.bodies))
-        angle[n:] = False
+        ranges, count = np.concatenate(self._ranges), len(self._ranges[0])
+        # places and velocities that do not change are those of bodies at rest or in uniform motion
+        swings = np.concatenate([self._ranges[0] > self.rtol * self._size,
+                                 self._ranges[1] > self.rtol * self._fastest])
+        weight = 1.0 / ranges[swings]
+
+        def states(instants: np.ndarray | float) -> np.ndarray:
+            found = motion(instants)
+            return np.concatenate([self._shifts.places(instants, found[..., :n]), found[..., n:] * self._unit], axis=-1)
 
         def away(lag: np.ndarray | float) -> np.ndarray:
-            change = motion(self.end - lag) - motion(self.end)
-            change -= np.where(angle, 2 * np.pi * np.round(change / (2 * np.pi)), 0.0)
+            change = states(self.end - lag) - states(self.end)
+            change[..., :count] -= self._shifts.whole_turns(change[..., :count])
             return np.max(np.abs(change[..., swings]) * weight, axis=-1, initial=0.0)
 
         distance = away(self.end - t)
-        step = np.max(np.abs(np.diff(np.hstack([q, v])[:, swings], axis=0)) * weight, initial=0.0)
+        sampled = np.hstack([self._places, v * self._unit])
+        step = np.max(np.abs(np.diff(sampled[:, swings], axis=0)) * weight, initial=0.0)
         for i in range(len(t) - 2, 0, -1):
             is_near = distance[i] <= min(step, distance[i - 1], distance[i + 1])
             if is_near and np.max(distance[i:]) > FAR:
                 bounds = self.end - t[i + 1], self.end - t[i - 1]
                 lag = float(minimize_scalar(away, bounds=bounds, method="bounded", options={"xatol": 1e-12}).x)
-                states = motion(self.end - lag * np.arange(int((self.end - t[0]) / lag), -1, -1))
+                passes = motion(self.end - lag * np.arange(int((self.end - t[0]) / lag), -1, -1))
                 if away(lag) <= REPEATS * self.rtol:
-                    return lag * self._order(lag, states[:, :n], states[:, n:])
+                    return lag * self._order(lag, passes[:, :n], passes[:, n:])
         raise NotSettled("the mechanism is neither at rest nor where it was before, within "
                          f"{self.end - self.settle:g} s")
 

@@ -23,7 +23,7 @@ from stiction.reference_impl.integration.event_driven import Integration, Option
 from stiction.reference_impl.integration.result import Run
 from stiction.reference_impl.multibody.initial_state import consistent_start, with_consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import Scene, Trajectory
+from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
 
 SAMPLE_STEP = 0.01
@@ -250,9 +250,13 @@ class Measure:
     needs : str or None
         A part of the scene that must not be empty: ``"guides"``, ``"frictional_guides"``, ``"drives"``.
     of : str
-        Column of the first of these, such as ``"effort"``.
+        Column of these, such as ``"effort"``.
     sampled : bool
         True if it needs samples all over the window, False if events and ends suffice.
+    also : str or None
+        A part of the scene, such as ``"bodies"``, whose elements it may be of too, where they are named.
+    element : str
+        Name of the element that it is of; the first one that it `needs` where empty.
     """
 
     name: str
@@ -261,21 +265,49 @@ class Measure:
     needs: str | None = None
     of: str = ""
     sampled: bool = False
+    also: str | None = None
+    element: str = ""
 
     @property
     def column(self) -> str:
-        return f"{self.name} [{self.unit}]"
+        named = f" of {self.element}" if self.element else ""
+        return f"{self.name}{named} [{self.unit}]"
 
     def source(self, scene: Scene) -> str:
         """The column of a run that it is of; none where that is of nothing."""
-        return f"{next(iter(getattr(scene, self.needs)))}.{self.of}" if self.needs else ""
+        return f"{self.element or next(iter(getattr(scene, self.needs)))}.{self.of}" if self.needs else ""
+
+    def subject(self, scene: Scene) -> str:
+        """Whose number it is, in words; none where that is of the whole mechanism."""
+        element = self.source(scene).rpartition(".")[0]
+        guide = scene.guides.get(element)
+        return element if guide is None else f"{guide.slider} along {element}"
+
+    def choices(self, scene: Scene) -> list[str]:
+        """Names of the elements that it can be of."""
+        return [name for part in (self.needs, self.also) if part for name in getattr(scene, part)]
 
     def value(self, window: SteadyWindow) -> float:
         return float(self.function(window, self.source(window.scene)))
 
 
+def measure_of(text: str) -> Measure:
+    """The measure of its name, or of ``NAME:ELEMENT``, such as ``peak-speed:block``.
+
+    Raises
+    ------
+    InputError
+        If there is none of this name.
+    """
+    name, colon, element = text.partition(":")
+    if name not in MEASURES or (colon and not (element and MEASURES[name].needs)):
+        raise InputError(f"measures: found {text!r}; expected some of {', '.join(MEASURES)}, each but event-count also "
+                         "with the name of an element, as peak-speed:NAME")
+    return replace(MEASURES[name], element=element)
+
+
 def stick_fraction(window: SteadyWindow, mode: str) -> float:
-    """Part of the window in which the first frictional guide sticks.
+    """Part of the window in which a frictional guide sticks.
 
     It is taken from located events, else from the stretches between samples of which both are slower than
     `CREEP_TOLERANCE`: a reversal has only one such sample.
@@ -293,8 +325,23 @@ def stick_fraction(window: SteadyWindow, mode: str) -> float:
 
 def peak(window: SteadyWindow, column: str) -> float:
     """Largest absolute value, two-sided values at events included."""
-    sides = [abs(side[column]) for event in window.run.events for side in (event.before, event.after)]
-    return max(np.max(np.abs(window.run.columns[column])), *sides, 0.0)
+    return _largest(window, (column,))
+
+
+def peak_speed(window: SteadyWindow, column: str) -> float:
+    """Largest speed: of a guide that of its slider along it, of a body that of its centre of mass."""
+    element = column.rpartition(".")[0]
+    names = tuple(f"{element}.{label}" for label in BODY_COLUMNS[1][:2])
+    return _largest(window, names if element in window.scene.bodies else (column,))
+
+
+def _largest(window: SteadyWindow, columns: Sequence[str]) -> float:
+    """Largest size of a vector with these columns."""
+    run = window.run
+    sides = [np.hypot.reduce([side[name] for name in columns])
+             for event in run.events for side in (event.before, event.after)]
+    sampled = np.sqrt(np.sum([run.columns[name] ** 2 for name in columns], axis=0))
+    return max(np.max(sampled), *sides, 0.0)
 
 
 def event_count(window: SteadyWindow, _: str) -> float:
@@ -313,9 +360,10 @@ def event_count(window: SteadyWindow, _: str) -> float:
 MEASURES = {measure.name: measure for measure in (
     Measure("stick-fraction", "-", stick_fraction, needs="frictional_guides", of="mode"),
     Measure("peak-torque", "N m", peak, needs="drives", of="effort", sampled=True),
-    Measure("peak-speed", "m/s", peak, needs="guides", of="slip_velocity", sampled=True),
+    Measure("peak-speed", "m/s", peak_speed, needs="guides", of="slip_velocity", sampled=True, also="bodies"),
     Measure("event-count", "-", event_count))}
-"""Peaks are those of the first drive (N of a distance drive) and of the first guide's slider along its guide."""
+"""Without the name of an element peaks are those of the first drive (N of a distance drive) and of the first guide's
+slider along its guide."""
 
 
 def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> SteadyWindow:
@@ -355,7 +403,7 @@ def _window_of_reference(scene: Scene, mechanism: Mechanism, run: SteadyRun, mea
         instants = np.linspace(t_end - periods * period, t_end, samples + 1) if periods else np.array([settle, t_end])
     else:
         instants = np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
-    columns = {measure.source(scene) for measure in measures if measure.needs}
+    columns = {measure.source(scene) for measure in measures if measure.needs and measure.element not in scene.bodies}
     columns |= {f"{body}.{label}" for body in scene.bodies
                 for labels in BODY_COLUMNS[:2 if period < np.inf else 3] for label in labels}
     integration = Integration(mechanism, q, v, instants, t_end, run.rtol,

@@ -27,7 +27,7 @@ from stiction.comparisons.digest import digest, engine_identity
 from stiction.comparisons.environment import source_digest, versions
 from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled, common_period
 from stiction.comparisons.studies.steady_state_measures import (CONTRACTION, MEASURES, REPEATS, Measure, SteadyRun,
-                                                                steady_window)
+                                                                measure_of, steady_window)
 from stiction.comparisons.studies.stick_threshold import AMPLITUDE, WITH_STICK, WITHOUT_STICK, Search, measure_threshold
 from stiction.engines import EngineMissing, Isolate, Outcome, Refused, Task, isolate, load_engine
 from stiction.reference_impl.multibody.initial_state import with_consistent_start
@@ -92,10 +92,16 @@ def parse_axis(text: str) -> SweepAxis:
         if count != int(count) or not 2 <= count <= MAX_POINTS:
             raise InputError(f"axis {key}: found {parts[2].strip()!r} values; expected a whole number from 2 to "
                              f"{MAX_POINTS}")
-        numbers = np.linspace(low, high, int(count)).tolist()
+        numbers = [_short(value) for value in np.linspace(low, high, int(count)).tolist()]
     if len(set(numbers)) < len(numbers):
         raise InputError(f"axis {key}: found {given!r}; expected values that differ from each other")
     return SweepAxis(key, tuple(numbers))
+
+
+def _short(value: float) -> float:
+    """The number with fewer digits that a value misses by rounding alone: 0.15 for 0.15000000000000002."""
+    short = float(f"{value:.14g}")
+    return short if abs(short - value) <= 2 * np.spacing(abs(value)) else value
 
 
 def usual_end(scene: Scene) -> float:
@@ -142,9 +148,9 @@ class Specification:
             raise InputError(f"axes: found {', '.join(keys) or 'none'}; expected at least one, each key once")
         if math.prod(len(axis.values) for axis in self.axes) > MAX_POINTS:
             raise InputError(f"axes: found more than {MAX_POINTS} points; expected fewer")
-        if not self.measures or len(set(self.measures)) < len(self.measures) or not set(self.measures) <= set(known):
+        if not self.measures or len(set(self.measures)) < len(self.measures):
             found = ", ".join(self.measures) or "none"
-            raise InputError(f"measures: found {found}; expected some of {', '.join(known)}")
+            raise InputError(f"measures: found {found}; expected some of {', '.join(known)}, each once")
         settle, t_end = self.run.settle, self.run.t_end
         if not 0 <= settle < t_end:
             raise InputError(f"settle, t_end: found {settle:g}, {t_end:g}; expected 0 <= settle < t_end, in seconds")
@@ -157,6 +163,8 @@ class Specification:
             if measure.needs and not getattr(scene, measure.needs):
                 needed = measure.needs.replace("_", " ")
                 raise InputError(f"{measure.name}: found no {needed} in {scene.name}; expected one")
+            if measure.element and measure.element not in (choices := measure.choices(scene)):
+                raise InputError(f"{measure.name}: found {measure.element!r}; expected one of {', '.join(choices)}")
         if THRESHOLD in self.measures and not (scene.frictional_guides and AMPLITUDE in scene.parameters):
             raise InputError(f"{THRESHOLD}: expected a frictional guide and a parameter {AMPLITUDE} in {scene.name}")
         for axis in self.axes:
@@ -173,7 +181,7 @@ class Specification:
     @property
     def run_measures(self) -> list[Measure]:
         """The measures that are numbers of a run."""
-        return [MEASURES[name] for name in self.measures if name != THRESHOLD]
+        return [measure_of(text) for text in self.measures if text != THRESHOLD]
 
     @property
     def parts(self) -> list[str]:
@@ -197,6 +205,7 @@ class Specification:
         return {"code": source_digest(), "scene": scene_to_toml(self.scene),
                 "axes": {axis.key: list(axis.values) for axis in self.axes},
                 "measures": list(self.measures),
+                "measured": {measure.column: measure.subject(self.scene) for measure in self.run_measures},
                 "settings": {**asdict(self.run), "timeout": self.timeout_s},
                 "versions": {**versions(), self.run.engine: load_engine(self.run.engine).version},
                 "engine": engine_identity(self.run.engine)}
@@ -208,7 +217,7 @@ class Specification:
     def tasks(self, part: str) -> list[Task]:
         """The row of every point."""
         numbers: Numbers = map_numbers
-        about: Any = [measure.name for measure in self.run_measures]
+        about: Any = [text for text in self.measures if text != THRESHOLD]
         if part == THRESHOLD:
             amplitudes = [value for axis in self.axes if axis.key == AMPLITUDE for value in axis.values]
             numbers, about = threshold_numbers, (min(amplitudes), max(amplitudes)) if amplitudes else None
@@ -237,7 +246,7 @@ def point_row(numbers: Numbers, scene: Scene, run: SteadyRun, about: Any, point:
 
 def map_numbers(scene: Scene, run: SteadyRun, measures: Sequence[str]) -> dict[str, Any]:
     """The numbers of a run."""
-    chosen = [MEASURES[name] for name in measures]
+    chosen = [measure_of(text) for text in measures]
     window = steady_window(scene, run, chosen)
     return {WINDOW_START: window.start, **{measure.column: measure.value(window) for measure in chosen}}
 

@@ -151,8 +151,15 @@ def _show_sweep(result: Any, folder: Path) -> None:
     print(folder)
     columns = [(part, name, table[name]) for part, table in tables.items() for name in table.columns
                if "[" in name and not name.startswith("window")]
-    show(("table", "column", "smallest", "largest", "points", "without a number"),
-         [(part, name, f"{values.min():.6g}", f"{values.max():.6g}", str(len(values)), str(values.isna().sum()))
+    scene = result.specification.scene
+    subjects = {measure.column: measure.subject(scene) for measure in result.specification.run_measures}
+
+    def range_of(values: Any) -> tuple[str, str]:
+        """The ends of a column's numbers, if it has any."""
+        return ("-", "-") if values.isna().all() else (f"{values.min():.6g}", f"{values.max():.6g}")
+
+    show(("table", "column", "of", "smallest", "largest", "points", "without a number"),
+         [(part, name, subjects.get(name, ""), *range_of(values), str(len(values)), str(values.isna().sum()))
           for part, name, values in columns])
     for part, table in tables.items():
         failed = table[table["status"] != "ok"]

@@ -236,6 +236,14 @@ def test_bad_axes(text, expected):
 def test_axes():
     assert parse_axis("motor.rate=pi/4:pi/2:3").values == (np.pi / 4, 3 * np.pi / 8, np.pi / 2)
     assert parse_axis(" F0 = 3, 2^2 ").values == (3.0, 4.0) and parse_axis("F0=6:1:2").values == (6.0, 1.0)
+    assert parse_axis("mu=0:0.3:7").values == (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3)  # none is 0.15000000000000002
+
+
+@given(st.floats(-10, 10), st.floats(-10, 10), st.integers(2, 50))
+def test_values_of_an_axis_are_equally_spaced_to_rounding(low, high, count):
+    if low != high and len(set(np.linspace(low, high, count))) == count:
+        values = np.array(parse_axis(f"F0={low!r}:{high!r}:{count}").values)
+        assert np.all(np.abs(values - np.linspace(low, high, count)) <= 2 * np.spacing(np.abs(np.linspace(low, high, count))))
 
 
 INCLINE = load_scene("block-on-incline")
@@ -244,6 +252,9 @@ INCLINE = load_scene("block-on-incline")
 @pytest.mark.parametrize("change, expected", [
     (dict(measures=[]), "measures: found none"), (dict(measures=["speed"]), "expected some of stick-fraction"),
     (dict(settle=160.0), "settle < t_end"),
+    (dict(measures=["peak-speed:wheel"]), "peak-speed: found 'wheel'; expected one of guide, bar, slider"),
+    (dict(measures=["stick-fraction:bar"]), "stick-fraction: found 'bar'; expected one of guide"),
+    (dict(measures=["event-count:guide"]), "found 'event-count:guide'"), (dict(measures=["peak-speed:"]), "found 'peak-speed:'"),
     (dict(scene=load_scene("four-bar")), "stick-fraction: found no frictional guides"),
     (dict(scene=INCLINE, measures=["peak-torque"]), "peak-torque: found no drives"),
     (dict(scene=INCLINE, measures=["threshold"]), "and a parameter F0"),

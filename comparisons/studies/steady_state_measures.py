@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
@@ -39,6 +39,9 @@ to period from which on its decay is measured: a run's own errors, those of step
 are below."""
 FAR = 0.4
 """Part of the range of a motion by which it leaves each of its states before it comes back."""
+BACK = 0, 3, 8, 21
+"""Samples from the end back to the instants at which a state is looked for that comes again, one after the other.
+Between the samples around a jump of the acceleration the interpolated motion is wrong by the jump's size."""
 SAME = 1e-9
 """Relative difference of accelerations and forces of the same mechanism moved along; rounding leaves 1e-13."""
 LEAST_SHIFT = 1e-3
@@ -145,7 +148,7 @@ class SteadyWindow:
         if self.period < np.inf:
             step = round(self.period / (t[1] - t[0]))
             q, v = (values[::-step][::-1] for values in self._motion[:2])
-            return self.end - self.period * self._order(self.period, q, v)
+            return self.end - self.period * self._order(self.end, self.period, q, v)
         if np.isnan(self.period):
             raise NotSettled("loads and drives have no common period, and the mechanism is not at rest")
         return self.end - self._own_period()
@@ -170,12 +173,12 @@ class SteadyWindow:
         is_same_place = np.all(np.abs(change) <= self._allowed[:len(change)])
         return bool(is_same_place and self._forces_repeat(self.end - self.whole.t[0], q[-1] - q[0]))
 
-    def _order(self, period: float, q: np.ndarray, v: np.ndarray) -> int:
-        """Number of periods in which a motion repeats itself, from its states every period, the last at the end."""
+    def _order(self, instant: float, period: float, q: np.ndarray, v: np.ndarray) -> int:
+        """Number of periods in which a motion repeats itself, from its states every period, the last at an instant."""
         if len(q) < LEAST_PASSES:
             raise NotSettled(f"fewer than {LEAST_PASSES - 1} periods of {period:g} s to look at")
         passes = np.arange(1 - len(q), 1)
-        places = self._shifts.places(self.end + period * passes, q)
+        places = self._shifts.places(instant + period * passes, q)
         for order in range(1, min(MOST_PERIODS, len(q) // LEAST_PASSES) + 1):
             turns = self._shifts.whole_turns(places[-1] - places[-1 - order])
             states = np.hstack([places - np.outer(passes / order, turns), v * self._unit]) / self._allowed
@@ -219,24 +222,33 @@ class SteadyWindow:
             found = motion(instants)
             return np.concatenate([self._shifts.places(instants, found[..., :n]), found[..., n:] * self._unit], axis=-1)
 
-        def away(lag: np.ndarray | float) -> np.ndarray:
-            change = states(self.end - lag) - states(self.end)
+        def away(instant: float, lag: np.ndarray | float) -> np.ndarray:
+            change = states(instant - lag) - states(instant)
             change[..., :count] -= self._shifts.whole_turns(change[..., :count])
             return np.max(np.abs(change[..., swings]) * weight, axis=-1, initial=0.0)
 
-        distance = away(self.end - t)
         sampled = np.hstack([self._places, v * self._unit])
         step = np.max(np.abs(np.diff(sampled[:, swings], axis=0)) * weight, initial=0.0)
-        for i in range(len(t) - 2, 0, -1):
-            is_near = distance[i] <= min(step, distance[i - 1], distance[i + 1])
-            if is_near and np.max(distance[i:]) > FAR:
-                bounds = self.end - t[i + 1], self.end - t[i - 1]
-                lag = float(minimize_scalar(away, bounds=bounds, method="bounded", options={"xatol": 1e-12}).x)
-                passes = motion(self.end - lag * np.arange(int((self.end - t[0]) / lag), -1, -1))
-                if away(lag) <= REPEATS * self.rtol:
-                    return lag * self._order(lag, passes[:, :n], passes[:, n:])
-        raise NotSettled("the mechanism is neither at rest nor where it was before, within "
-                         f"{self.end - self.settle:g} s")
+        reason = NotSettled("the mechanism is neither at rest nor where it was before, within "
+                            f"{self.end - self.settle:g} s")
+        for last in len(t) - 1 - np.array(BACK)[np.array(BACK) < len(t) // 2]:
+            instant, earlier = t[last], t[:last + 1]
+            distance = away(instant, instant - earlier)
+            for i in range(last - 1, 0, -1):
+                is_near = distance[i] <= min(step, distance[i - 1], distance[i + 1])
+                if is_near and np.max(distance[i:]) > FAR:
+                    bounds = instant - t[i + 1], instant - t[i - 1]
+                    lag = float(minimize_scalar(partial(away, instant), bounds=bounds, method="bounded",
+                                                options={"xatol": 1e-12}).x)
+                    if away(instant, lag) > REPEATS * self.rtol:
+                        continue
+                    passes = motion(instant - lag * np.arange(int((instant - t[0]) / lag), -1, -1))
+                    try:
+                        return lag * self._order(instant, lag, passes[:, :n], passes[:, n:])
+                    except NotSettled as found:
+                        reason = found
+                        break  # longer lags are multiples of this one
+        raise reason
 
 
 @dataclass(frozen=True)

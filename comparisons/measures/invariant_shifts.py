@@ -63,7 +63,7 @@ class InvariantShifts:
     turns: np.ndarray
     units: np.ndarray
 
-    def places(self, t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def places(self, t: np.ndarray | float, q: np.ndarray) -> np.ndarray:
         """What of positions makes a difference, in m: (instants, conditions), from q of (instants, 3 bodies).
 
         Positions that are an invariant shift apart have the same places, but for whole turns.
@@ -99,73 +99,83 @@ def invariant_shifts(scene: Scene, size: float) -> InvariantShifts:
 
 def _conditions(scene: Scene) -> Iterator[Condition]:
     """The conditions of every element."""
-    held, free_of_torque = _held_angles(scene), _free_of_torque(scene)
+    rules = _Rules(scene)
+    for joint in scene.joints.values():
+        if isinstance(joint, Revolute):
+            yield from rules.together(joint.bodies)
+        else:
+            yield from rules.along(joint.bodies, joint.direction, 0.0, across=True)
+            yield rules.row(joint.bodies, ANGLE), 0.0, False
+    for spring in scene.springs.values():
+        yield from rules.spring(spring)
+    for drive in scene.drives.values():
+        yield from rules.drive(drive)
+    for body in _oriented(scene):
+        yield rules.row((body, GROUND), ANGLE), 0.0, True
 
-    def row(bodies: tuple[str, str], first: tuple[float, float, float]) -> np.ndarray:
+
+X, Y, ANGLE = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+"""Coefficients of the coordinates of a body."""
+
+
+class _Rules:
+    """Conditions of elements of a scene, as rows on the coordinates of its bodies."""
+
+    def __init__(self, scene: Scene):
+        self.places = {name: number for number, name in enumerate(scene.bodies)}
+        held, free_of_torque = _held_angles(scene), _free_of_torque(scene)
+        self.angles = {body: angle for body, angle in held.items() if body in free_of_torque}
+
+    def row(self, bodies: tuple[str, str], first: tuple[float, float, float]) -> np.ndarray:
         """Coefficients of x, y and angle of the first body, and their opposites of the second; the ground has none."""
-        found = np.zeros((len(scene.bodies), 3))
+        found = np.zeros((len(self.places), 3))
         for body, sign in zip(bodies, (1.0, -1.0)):
             if body != GROUND:
-                found[list(scene.bodies).index(body)] += sign * np.array(first)
+                found[self.places[body]] += sign * np.array(first)
         return found.ravel()
 
-    def together(bodies: tuple[str, str]) -> Iterator[Condition]:
+    def together(self, bodies: tuple[str, str]) -> Iterator[Condition]:
         """Two bodies move on as one."""
-        yield row(bodies, (1, 0, 0)), 0.0, False
-        yield row(bodies, (0, 1, 0)), 0.0, False
+        yield self.row(bodies, X), 0.0, False
+        yield self.row(bodies, Y), 0.0, False
 
-    def along(bodies: tuple[str, str], direction: tuple[float, float], rate: float | None,
+    def grows(self, rate: float) -> Iterator[Condition]:
+        """No shift makes up for a coordinate that grows: 0 = rate s."""
+        if rate:
+            yield np.zeros(3 * len(self.places)), rate, False
+
+    def along(self, bodies: tuple[str, str], direction: tuple[float, float], rate: float | None,
               across: bool) -> Iterator[Condition]:
         """A coordinate along a direction in the axes of the second body changes at a rate; None leaves it free.
 
         `across`: the coordinate is the one across the direction, which is then the guide's.
         """
-        second = bodies[1]
-        angle = held[second] if second in free_of_torque and second in held else None
-        if angle is None:
-            yield from together(bodies)
-            if rate:
-                yield np.zeros(3 * len(scene.bodies)), rate, False
+        if bodies[1] not in self.angles:
+            yield from self.together(bodies)
+            yield from self.grows(rate or 0.0)
         elif rate is not None:
-            x, y = np.array(direction) / np.hypot(*direction)
-            if across:
-                x, y = -y, x
-            cosine, sine = np.cos(angle), np.sin(angle)
-            yield row(bodies, (cosine * x - sine * y, sine * x + cosine * y, 0)), rate, False
+            angle = self.angles[bodies[1]] + np.arctan2(direction[1], direction[0]) + (np.pi / 2 if across else 0.0)
+            yield self.row(bodies, (np.cos(angle), np.sin(angle), 0.0)), rate, False
 
-    oriented = set()
-    for joint in scene.joints.values():
-        if isinstance(joint, Revolute):
-            yield from together(joint.bodies)
-        else:
-            yield from along(joint.bodies, joint.direction, 0.0, across=True)
-            yield row(joint.bodies, (0, 0, 1)), 0.0, False
-            oriented |= {*joint.bodies}
-    for spring in scene.springs.values():
+    def spring(self, spring: LinearSpring | TorsionalSpring) -> Iterator[Condition]:
         if isinstance(spring, TorsionalSpring):
             if spring.stiffness:
-                yield row(spring.bodies, (0, 0, 1)), 0.0, False
+                yield self.row(spring.bodies, ANGLE), 0.0, False
+        elif spring.axis is not None:
+            if spring.stiffness or spring.damping:
+                yield from self.along(spring.bodies, spring.axis, 0.0 if spring.stiffness else None, across=False)
         elif spring.stiffness or spring.damping:
-            if spring.axis is None:
-                yield from together(spring.bodies)
-            else:
-                yield from along(spring.bodies, spring.axis, 0.0 if spring.stiffness else None, across=False)
-                oriented.add(spring.bodies[1])
-    for drive in scene.drives.values():
+            yield from self.together(spring.bodies)
+
+    def drive(self, drive: Drive) -> Iterator[Condition]:
         rate = _rate(drive.law)
         if drive.type == "angle":
-            yield row(drive.bodies, (0, 0, 1)), rate, False
+            yield self.row(drive.bodies, ANGLE), rate, False
         elif drive.axis is not None:
-            yield from along(drive.bodies, drive.axis, rate, across=False)
-            oriented.add(drive.bodies[1])
+            yield from self.along(drive.bodies, drive.axis, rate, across=False)
         else:
-            yield from together(drive.bodies)
-            if rate:  # no shift makes up for a distance that grows
-                yield np.zeros(3 * len(scene.bodies)), rate, False
-    oriented |= _with_points(scene)
-    for body in scene.bodies:
-        if body in oriented:
-            yield row((body, GROUND), (0, 0, 1)), 0.0, True
+            yield from self.together(drive.bodies)
+            yield from self.grows(rate)
 
 
 def _rate(law: Law) -> float:
@@ -173,14 +183,16 @@ def _rate(law: Law) -> float:
     return law.rate if isinstance(law, Linear) else 0.0
 
 
-def _with_points(scene: Scene) -> set[str]:
-    """The bodies with a point beside their centre of mass, which turns with them."""
-    found = set()
-    elements = [*scene.joints.values(), *scene.drives.values(), *scene.springs.values()]
-    for element in elements:
+def _oriented(scene: Scene) -> list[str]:
+    """The bodies whose angle matters: with a guide or an axis in their axes, or a point beside their centre of mass."""
+    found = {body for guide in scene.guides.values() for body in guide.bodies}
+    for element in (*scene.joints.values(), *scene.drives.values(), *scene.springs.values()):
         if isinstance(element, (Revolute, Drive, LinearSpring)):
             found |= {body for body, point in zip(element.bodies, element.points) if any(point)}
-    return found | {load.body for load in scene.forces.values() if any(getattr(load, "point", ()))}
+        if getattr(element, "axis", None) is not None:
+            found.add(element.bodies[1])
+    found |= {load.body for load in scene.forces.values() if any(getattr(load, "point", ()))}
+    return [body for body in scene.bodies if body in found]
 
 
 def _linked(guides: list[Translational]) -> Iterator[tuple[str, str, float]]:
@@ -189,7 +201,8 @@ def _linked(guides: list[Translational]) -> Iterator[tuple[str, str, float]]:
     while waiting:
         body = waiting.pop()
         for guide in guides:
-            for here, there, angle in ((guide.guide, guide.slider, guide.angle), (guide.slider, guide.guide, -guide.angle)):
+            ways = (guide.guide, guide.slider, guide.angle), (guide.slider, guide.guide, -guide.angle)
+            for here, there, angle in ways:
                 if here == body and there not in reached:
                     reached.add(there)
                     waiting.append(there)

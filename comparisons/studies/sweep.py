@@ -28,7 +28,8 @@ from stiction.comparisons.environment import source_digest, versions
 from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled, common_period
 from stiction.comparisons.studies.steady_state_measures import (CONTRACTION, MEASURES, REPEATS, Measure, SteadyRun,
                                                                 measure_of, steady_window)
-from stiction.comparisons.studies.stick_threshold import AMPLITUDE, WITH_STICK, WITHOUT_STICK, Search, measure_threshold
+from stiction.comparisons.studies.stick_threshold import (AGAIN, AMPLITUDE, SCANNED, WITH_STICK, WITHOUT_STICK, Search,
+                                                          bands_above, measure_threshold)
 from stiction.engines import EngineMissing, Isolate, Outcome, Refused, Task, isolate, load_engine
 from stiction.reference_impl.multibody.initial_state import with_consistent_start
 from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
@@ -42,7 +43,8 @@ end to end of the axis."""
 BRACKET = 2.5e-3
 """Width of a threshold's bracket as a part of the range in which it is searched."""
 PROBES = 9
-"""Amplitudes from end to end of the search at which a stick phase is looked for before the bisection."""
+"""Amplitudes from end to end of the search at which the band next to the scene's own amplitude is looked for before the
+bisection."""
 NO_STEADY_STATE = "no steady state"
 """Status of a point whose motion neither rests nor repeats itself; it has no numbers."""
 FAILURES = {NotSettled: NO_STEADY_STATE, NoCommonPeriod: NO_STEADY_STATE, SceneError: "refused", Refused: "refused",
@@ -121,7 +123,9 @@ class Specification:
     axes : tuple of SweepAxis
         The last one varies fastest.
     measures : tuple of str
-        Names in `MEASURES`, or ``"threshold"``: largest F0 with a stick phase, along the axes that are not F0.
+        Names in `MEASURES`, those but ``"event-count"`` also with an element, as in ``"peak-speed:block"``. Or
+        ``"threshold"``: upper end of the band of F0, next to the scene's own, with a stick phase, along the axes that
+        are not F0.
     run : SteadyRun
         The run of each point.
     timeout_s : float
@@ -229,9 +233,12 @@ class Specification:
         keys, text = [axis.key for axis in self.grid(part)], ["status", "reason"]
         numbers = [WINDOW_START, *(measure.column for measure in self.run_measures)]
         if part == THRESHOLD:
-            numbers = [THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK]
+            numbers = [THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK, SCANNED]
+            text.append(AGAIN)
         types = dict.fromkeys([*keys, *numbers], float) | dict.fromkeys(text, str)
-        return pd.DataFrame(rows, columns=[*keys, *text, *numbers]).astype(types)
+        table = pd.DataFrame(rows, columns=[*keys, *text, *numbers])
+        table[text] = table[text].astype(object).fillna("")
+        return table.astype(types)
 
 
 def point_row(numbers: Numbers, scene: Scene, run: SteadyRun, about: Any, point: Mapping[str, float]) -> dict[str, Any]:
@@ -252,20 +259,24 @@ def map_numbers(scene: Scene, run: SteadyRun, measures: Sequence[str]) -> dict[s
 
 
 def threshold_numbers(scene: Scene, run: SteadyRun, search: tuple[float, float] | None) -> dict[str, Any]:
-    """The threshold, searched between two amplitudes (N), or around the scene's own."""
-    low, high = search or sorted(factor * abs(scene.parameters[AMPLITUDE]) for factor in SEARCH)
+    """The threshold, searched between two amplitudes (N), or around the scene's own, and what is seen above it."""
+    own = abs(scene.parameters[AMPLITUDE])
+    low, high = search or sorted(factor * own for factor in SEARCH)
     step, distance = run.step(scene), REPEATS * run.rtol
     arguments: dict[str, Any] = {"rtol": run.rtol} if step is None else {"dt": step}
     if run.is_event_driven_reference:
         arguments |= {"stabilization": "projection", "assemble": True}
     else:
         scene, arguments["fidelity"] = with_consistent_start(scene, assemble=True), run.fidelity
-    found = measure_threshold(scene, run.engine, arguments, Search(low, high, BRACKET * (high - low), probes=PROBES),
+    found = measure_threshold(scene, run.engine, arguments,
+                              Search(low, high, BRACKET * (high - low), probes=PROBES, own=own),
                               distance, CONTRACTION * distance)
     if found.with_stick is None or found.without_stick is None:
         return {"status": "not found", "reason": found.remark}
-    return {THRESHOLD_COLUMN: 0.5 * (found.with_stick + found.without_stick), WITH_STICK: found.with_stick,
-            WITHOUT_STICK: found.without_stick}
+    middle = 0.5 * (found.with_stick + found.without_stick)
+    above = bands_above(scene, middle)
+    return {THRESHOLD_COLUMN: middle, WITH_STICK: found.with_stick, WITHOUT_STICK: found.without_stick,
+            AGAIN: above.words, SCANNED: above.end}
 
 
 @dataclass(frozen=True)
@@ -273,7 +284,8 @@ class Sweep:
     """Tables with one row per point, in the order of the grid; None where no measure requires one.
 
     `map`: axes, ``status``, ``reason``, ``window from [s]``, a column per measure. `threshold`: axes that are not F0,
-    ``status``, ``reason``, the bracket of the threshold and its middle.
+    ``status``, ``reason``, ``sticks again`` (where above the threshold, in words), the bracket of the threshold and its
+    middle, and up to where the slider was seen not to stick again.
     """
 
     specification: Specification

@@ -72,7 +72,8 @@ def _map(sweep: Sweep, table: pd.DataFrame, axes: Sequence[str], column: str, na
         ax.plot(curve[x], curve[y], color=COLORS[1], linewidth=1.4, label="stick threshold",
                 path_effects=[patheffects.withStroke(linewidth=2.8, foreground="white")])
         figure.legend(loc="outside upper right")
-        caption += f"; line: largest {AMPLITUDE} with a stick phase, where the range shown contains it"
+        caption += (f"; line: upper end of the band of {AMPLITUDE}, next to the scene's own, with a stick phase, where "
+                    "the range shown contains it")
     ax.set(xlabel=_label(sweep.specification.scene, across), ylabel=_label(sweep.specification.scene, up))
     return Drawing(f"map-{_file_name(column)}", caption + ".", figure)
 

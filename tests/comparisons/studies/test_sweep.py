@@ -217,6 +217,16 @@ def test_a_point_is_the_scene_run_alone_to_the_bit(axes, name):
         assert {key: found[key] for key in expected} == expected
 
 
+def test_thresholds_say_where_the_slider_sticks_again(tmp_path):
+    """Of mu = 0.015 and 0.01 (mus = 0.04), and not of 0.03; the command prints it."""
+    ended = sweep_command("--vary", "mu=0.01,0.015,0.03", "--measure", "threshold", "--out", str(tmp_path / "out"))
+    table = pd.read_parquet(tmp_path / "out" / "threshold.parquet")
+    bands = [[float(word) for word in words.split() if word[0].isdigit()] for words in table["sticks again"]]
+    assert bands[0] == pytest.approx([4.33, 4.71], abs=0.03) and bands[1] == pytest.approx([3.77, 4.55], abs=0.03) and bands[2] == []
+    assert np.all(table["scanned to [N]"] > 2.4 * table["threshold [N]"])
+    assert ended.count("the slider sticks again at about") == 2
+
+
 def test_threshold_that_is_not_in_the_range_is_a_row(tmp_path):
     result = swept_here(tmp_path, "F0=5:6:2", measures=["threshold"]).threshold
     assert list(result["status"]) == ["not found"] and "no stick phase at F0 = 5 N" in result["reason"][0]

@@ -61,12 +61,29 @@ def figures_in_this_process():
         yield
 
 
+LONGEST_REASON = 100
+"""Characters of a reason to skip: it is a line of the summary, which names what is missing and not how that shows."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    """Skips of a file with the same reason are one line of the summary; a reason that is long, or has several lines, fails its test."""
+    report = yield
+    if report.skipped and isinstance(report.longrepr, tuple):
+        reason = str(report.longrepr[2]).removeprefix("Skipped: ")
+        report.longrepr = (str(item.path), None, reason)
+        if len(reason) > LONGEST_REASON or "\n" in reason:
+            report.outcome = "failed"
+            report.longrepr = f"found a reason to skip of {len(reason)} characters; expected a line of at most {LONGEST_REASON}: {reason}"
+    return report
+
+
 def installed(engine: str) -> Engine:
-    """The engine, or a skipped test where its package is missing."""
+    """The engine, or a skipped test, or module where a module asks, where its package is missing."""
     try:
         return load_engine(engine)
     except EngineMissing as missing:
-        pytest.skip(str(missing))
+        pytest.skip(f"{engine}: {missing.state}", allow_module_level=True)
 
 
 def invoke(command: str, *arguments, exit_code: int | None = 0, **options):

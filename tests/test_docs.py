@@ -25,7 +25,7 @@ from conftest import invoke
 
 import stiction
 from stiction.comparisons.campaigns.campaign import load_campaign
-from stiction.engines import EngineMissing, load_engine
+from stiction.engines import EngineMissing, engine_names, load_engine
 from stiction.engines.fmu.variables import Map
 from stiction.engines.program.declaration import Declaration
 from stiction.engines.protocol import OBLIGATORY
@@ -71,7 +71,8 @@ def file_in(page, name):
 
 
 def follow(page, everything):
-    """Do what a page says, from top to bottom."""
+    """Do what a page says, from top to bottom; skipped at its end if an engine of its commands is not installed."""
+    left_out = {}
     for language, text in blocks(page):
         if language in ("python", "toml") and (named := FILE_NAME.match(text)):
             Path(named[1]).write_text(text)
@@ -80,9 +81,11 @@ def follow(page, everything):
                 script(text)
         elif language == "sh":
             for command in commands(text):
-                shell(command, everything)
+                left_out |= shell(command, everything)
         else:
             assert language in ("text", "toml", "yaml")
+    if left_out:
+        pytest.skip(", ".join(f"{engine}: {state}" for engine, state in left_out.items()))
 
 
 def script(text):
@@ -101,20 +104,37 @@ def script(text):
 
 
 def shell(command, everything):
+    """Make a command, or look only whether its options exist; return its engines that are not installed, which keep it from being made."""
     if command[0] in OF_OTHERS:
-        return
+        return {}
     if command[:2] == ["python", "-m"]:
         assert find_spec(command[2]) is not None
         if everything:
             subprocess.run([sys.executable, *command[1:]], check=True, timeout=600)
-        return
+        return {}
     assert command[0] == "stiction", command
-    if everything or command[1] in QUICK:
+    is_made = everything or command[1] in QUICK
+    missing = missing_engines(command) if is_made else {}
+    if is_made and not missing:
         if command[1] == "run" and not everything and not LEFT & {*command}:
             command = [*command, "--t-end", "1"]
         invoke(*command[1:])
     else:
         assert options_of(command[1:]) <= options_known(command[1:]), command
+    return missing
+
+
+def missing_engines(command):
+    """By name of an engine that comes with the suite, or with a package, and is not installed here: its state."""
+    named = [name for option, value in zip(command, command[1:]) if option in ("--engine", "--engines") for name in value.split(",")]
+    found = {}
+    for name in named:
+        if name in engine_names():
+            try:
+                load_engine(name)
+            except EngineMissing as error:
+                found[name] = error.state
+    return found
 
 
 def options_of(command):
@@ -132,6 +152,25 @@ def test_page(page, compiled, in_this_process, monkeypatch):
     monkeypatch.setattr("stiction.scenes.pictures.animation.MOST", 5)  # frames of a film
     monkeypatch.setattr("stiction.scenes.pictures.animation.FEWEST", 5)
     follow(page, everything=False)
+
+
+@pytest.mark.parametrize("state", ["not installed", "broken"])
+def test_only_what_an_engine_that_is_missing_keeps_from_being_made_is_left_out(state, monkeypatch):
+    """The other commands of the page are made, and a wrong option of one that is left out is found all the same."""
+    def missing(name):
+        error = EngineMissing("Traceback\n" * 40)
+        error.state = state
+        raise error
+
+    monkeypatch.setattr(sys.modules[__name__], "load_engine", missing)
+    command = "stiction run slider-bar-case-1 --engine pymunk --out x.csv".split()
+    assert shell(command, everything=False) == {"pymunk": state} and not Path("x.csv").exists()
+    with pytest.raises(AssertionError, match="--ot"):
+        shell([*command[:-2], "--ot", "x.csv"], everything=False)
+    monkeypatch.setitem(TEXT, "page", f"```sh\n{' '.join(command)}\nstiction new sled.toml\n```\n")
+    with pytest.raises(pytest.skip.Exception, match=f"^pymunk: {state}$"):
+        follow("page", everything=False)
+    assert Path("sled.toml").is_file()
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""The largest amplitude of the load for which a periodic motion has a stick phase, between two bounds: a theorem.
+"""The end of a band of load amplitudes with a stick phase in the periodic motion, between two bounds: a theorem.
 
 P takes the state (x, x') of the slider-bar at t = 0 to that n common periods T of bar and load later. For a set
 B = {c + W y : |y1|, |y2| <= e} let N enclose W^-1 DP W on B. Where

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
+from stiction.comparisons.measures.invariant_shifts import TURN, invariant_shifts
 from stiction.comparisons.measures.settling import (LEAST_PASSES, MOST_PERIODS, NoCommonPeriod, NotSettled,
                                                     excitation_period, settled)
 from stiction.comparisons.studies.stick_threshold import CREEP_TOLERANCE, SHORTEST_STICK
@@ -22,7 +23,7 @@ from stiction.reference_impl.integration.event_driven import Integration, Option
 from stiction.reference_impl.integration.result import Run
 from stiction.reference_impl.multibody.initial_state import consistent_start, with_consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import Scene, Trajectory
+from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
 
 SAMPLE_STEP = 0.01
@@ -38,8 +39,13 @@ to period from which on its decay is measured: a run's own errors, those of step
 are below."""
 FAR = 0.4
 """Part of the range of a motion by which it leaves each of its states before it comes back."""
+BACK = 0, 3, 8, 21
+"""Samples from the end back to the instants at which a state is looked for that comes again, one after the other.
+Between the samples around a jump of the acceleration the interpolated motion is wrong by the jump's size."""
 SAME = 1e-9
 """Relative difference of accelerations and forces of the same mechanism moved along; rounding leaves 1e-13."""
+LEAST_SHIFT = 1e-3
+"""Part of the mechanism's size: shorter shifts in a period are not followed over all of it, by so many of them."""
 OFF_GRID = 1e-2
 """Part of the distance of samples by which one may be off its instant: an engine may put it onto an event that is as
 close."""
@@ -118,9 +124,14 @@ class SteadyWindow:
         self._size = float(self.mechanism.arrays.length_scale)
         self._unit = np.tile([1.0, 1.0, self._size], len(bodies))  # metres in a unit of each coordinate
         self._fastest = float(np.max(np.abs(self._motion[1]) * self._unit))
-        self._ranges = [np.ptp(values, axis=0) * self._unit for values in self._motion[:2]]
-        self._allowed = self.rtol * np.concatenate([REPEATS * self._ranges[0] + self._size,
-                                                    REPEATS * self._ranges[1] + (self._fastest or 1.0)])
+        self._shifts = invariant_shifts(self.scene, self._size)
+        self._places = self._shifts.places(self.whole.t, self._motion[0])
+        of_places, of_velocities = np.ptp(self._places, axis=0), np.ptp(self._motion[1], axis=0) * self._unit
+        # a place on a circle is nowhere farther away than its circumference, however often it goes round
+        of_places = np.where(self._shifts.turns, np.minimum(of_places, TURN * self._size), of_places)
+        self._ranges = [of_places, of_velocities]
+        self._allowed = self.rtol * np.concatenate([REPEATS * of_places + self._size,
+                                                    REPEATS * of_velocities + (self._fastest or 1.0)])
 
     @cached_property
     def start(self) -> float:
@@ -137,7 +148,7 @@ class SteadyWindow:
         if self.period < np.inf:
             step = round(self.period / (t[1] - t[0]))
             q, v = (values[::-step][::-1] for values in self._motion[:2])
-            return self.end - self.period * self._order(self.period, q, v)
+            return self.end - self.period * self._order(self.end, self.period, q, v)
         if np.isnan(self.period):
             raise NotSettled("loads and drives have no common period, and the mechanism is not at rest")
         return self.end - self._own_period()
@@ -152,72 +163,92 @@ class SteadyWindow:
 
     def _is_steady(self) -> bool:
         """Return True if all bodies rest, or move uniformly along ways on which nothing changes."""
-        q, (of_positions, of_velocities) = self._motion[0], self._ranges
-        if np.max(of_positions) <= self.rtol * self._size:
+        q, of_velocities = self._motion[0], self._ranges[1]
+        if np.max(np.ptp(q, axis=0) * self._unit) <= self.rtol * self._size:
             return True
-        is_uniform = np.max(of_velocities) <= CONTRACTION * REPEATS * self.rtol * self._fastest
-        return bool(is_uniform and np.any(self._shift(self.end - self.whole.t[0], q[-1] - q[0])))
+        if np.max(of_velocities) > CONTRACTION * REPEATS * self.rtol * self._fastest:
+            return False
+        change = self._places[-1] - self._places[0]
+        change -= self._shifts.whole_turns(change)
+        is_same_place = np.all(np.abs(change) <= self._allowed[:len(change)])
+        return bool(is_same_place and self._forces_repeat(self.end - self.whole.t[0], q[-1] - q[0]))
 
-    def _order(self, period: float, q: np.ndarray, v: np.ndarray) -> int:
-        """Number of periods in which a motion repeats itself, from its states every period, the last at the end."""
+    def _order(self, instant: float, period: float, q: np.ndarray, v: np.ndarray) -> int:
+        """Number of periods in which a motion repeats itself, from its states every period, the last at an instant."""
         if len(q) < LEAST_PASSES:
             raise NotSettled(f"fewer than {LEAST_PASSES - 1} periods of {period:g} s to look at")
+        passes = np.arange(1 - len(q), 1)
+        places = self._shifts.places(instant + period * passes, q)
         for order in range(1, min(MOST_PERIODS, len(q) // LEAST_PASSES) + 1):
-            moved = q - np.arange(1 - len(q), 1)[:, None] / order * self._shift(order * period, q[-1] - q[-1 - order])
-            states = np.hstack([moved * self._unit, v * self._unit]) / self._allowed
-            if settled(states, 1.0, CONTRACTION, (order,), 1.0) is not None:
+            turns = self._shifts.whole_turns(places[-1] - places[-1 - order])
+            states = np.hstack([places - np.outer(passes / order, turns), v * self._unit]) / self._allowed
+            if (settled(states, 1.0, CONTRACTION, (order,), 1.0) is not None
+                    and self._forces_repeat(order * period, q[-1] - q[-1 - order])):
                 return order
         raise NotSettled(f"the motion does not repeat itself to {REPEATS * self.rtol:g} of its range within "
                          f"{len(q) - 1} periods of {period:g} s")
 
-    def _shift(self, time: float, change: np.ndarray) -> np.ndarray:
-        """The part of a change of positions in this time that makes no difference.
+    def _forces_repeat(self, time: float, change: np.ndarray) -> bool:
+        """Return True if the forces are the same after the invariant shift that is next to a change in this time.
 
-        That is whole turns, and ways along which nothing changes: forces and accelerations are the same where and when
-        the mechanism is after as many such changes as carry it over its own size.
+        That follows from the scene, but for forces that it leaves open and loads that are not periodic: accelerations
+        and efforts must be the same where and when the mechanism is after as many such shifts as carry it over its own
+        size.
         """
-        turns = 2 * np.pi * np.round(change / (2 * np.pi)) * np.tile([0.0, 0.0, 1.0], len(self.scene.bodies))
-        shift = np.where(np.abs(change - turns) * self._unit <= self._allowed[:len(change)], turns, change)
-        if not np.any(shift):
-            return shift
+        shift = self._shifts.nearest(time, change, self._unit)
         q, v = (values[-1] for values in self._motion[:2])
-        times = int(np.ceil(self._size / np.max(np.abs(shift) * self._unit)))
+        distance = np.max(np.abs(shift) * self._unit)
+        if distance <= LEAST_SHIFT * self._size:
+            return True
+        times = int(np.ceil(self._size / distance))
         here, there = (self.integration.forces_at(self.end + k * time, q + k * shift, v) for k in (0, times))
         efforts = [row for row, name in enumerate(self.mechanism.row_names) if name.endswith(".effort")]
         pairs = ((here[0] * self._unit, there[0] * self._unit, self._fastest / time), (here[1], there[1], 0.0),
                  (here[2][efforts], there[2][efforts], np.max(np.abs(here[2]), initial=0.0)))
-        for values, others, least in pairs:
-            largest = max(least, np.max(np.abs(values), initial=0.0))
-            if not np.max(np.abs(others - values), initial=0.0) <= SAME * largest:
-                return np.zeros_like(shift)
-        return shift
+        return all(np.max(np.abs(others - values), initial=0.0)
+                   <= SAME * max(least, np.max(np.abs(values), initial=0.0)) for values, others, least in pairs)
 
     def _own_period(self) -> float:
         """The shortest time (s) after which a mechanism with constant loads and drives is in the same motion again."""
         (q, v, a), t, n = self._motion, self.whole.t, 3 * len(self.scene.bodies)
         motion = CubicHermiteSpline(t, np.hstack([q, v]), np.hstack([v, a]))  # wrong by h^4/384 of its 4th derivative
-        swings = np.tile(self._ranges[1] > self.rtol * self._fastest, 2)  # the others are in uniform motion
-        weight = np.tile(self._unit, 2)[swings] / np.concatenate(self._ranges)[swings]
-        angle = np.tile([False, False, True], 2 * len(self.scene.bodies))
-        angle[n:] = False
+        ranges, count = np.concatenate(self._ranges), len(self._ranges[0])
+        # places and velocities that do not change are those of bodies at rest or in uniform motion
+        swings = np.concatenate([self._ranges[0] > self.rtol * self._size,
+                                 self._ranges[1] > self.rtol * self._fastest])
+        weight = 1.0 / ranges[swings]
 
-        def away(lag: np.ndarray | float) -> np.ndarray:
-            change = motion(self.end - lag) - motion(self.end)
-            change -= np.where(angle, 2 * np.pi * np.round(change / (2 * np.pi)), 0.0)
+        def states(instants: np.ndarray | float) -> np.ndarray:
+            found = motion(instants)
+            return np.concatenate([self._shifts.places(instants, found[..., :n]), found[..., n:] * self._unit], axis=-1)
+
+        def away(instant: float, lag: np.ndarray | float) -> np.ndarray:
+            change = states(instant - lag) - states(instant)
+            change[..., :count] -= self._shifts.whole_turns(change[..., :count])
             return np.max(np.abs(change[..., swings]) * weight, axis=-1, initial=0.0)
 
-        distance = away(self.end - t)
-        step = np.max(np.abs(np.diff(np.hstack([q, v])[:, swings], axis=0)) * weight, initial=0.0)
-        for i in range(len(t) - 2, 0, -1):
-            is_near = distance[i] <= min(step, distance[i - 1], distance[i + 1])
-            if is_near and np.max(distance[i:]) > FAR:
-                bounds = self.end - t[i + 1], self.end - t[i - 1]
-                lag = float(minimize_scalar(away, bounds=bounds, method="bounded", options={"xatol": 1e-12}).x)
-                states = motion(self.end - lag * np.arange(int((self.end - t[0]) / lag), -1, -1))
-                if away(lag) <= REPEATS * self.rtol:
-                    return lag * self._order(lag, states[:, :n], states[:, n:])
-        raise NotSettled("the mechanism is neither at rest nor where it was before, within "
-                         f"{self.end - self.settle:g} s")
+        sampled = np.hstack([self._places, v * self._unit])
+        step = np.max(np.abs(np.diff(sampled[:, swings], axis=0)) * weight, initial=0.0)
+        reason = NotSettled("the mechanism is neither at rest nor where it was before, within "
+                            f"{self.end - self.settle:g} s")
+        for last in len(t) - 1 - np.array(BACK)[np.array(BACK) < len(t) // 2]:
+            instant, earlier = t[last], t[:last + 1]
+            distance = away(instant, instant - earlier)
+            for i in range(last - 1, 0, -1):
+                is_near = distance[i] <= min(step, distance[i - 1], distance[i + 1])
+                if is_near and np.max(distance[i:]) > FAR:
+                    bounds = instant - t[i + 1], instant - t[i - 1]
+                    lag = float(minimize_scalar(partial(away, instant), bounds=bounds, method="bounded",
+                                                options={"xatol": 1e-12}).x)
+                    if away(instant, lag) > REPEATS * self.rtol:
+                        continue
+                    passes = motion(instant - lag * np.arange(int((instant - t[0]) / lag), -1, -1))
+                    try:
+                        return lag * self._order(instant, lag, passes[:, :n], passes[:, n:])
+                    except NotSettled as found:
+                        reason = found
+                        break  # longer lags are multiples of this one
+        raise reason
 
 
 @dataclass(frozen=True)
@@ -231,9 +262,13 @@ class Measure:
     needs : str or None
         A part of the scene that must not be empty: ``"guides"``, ``"frictional_guides"``, ``"drives"``.
     of : str
-        Column of the first of these, such as ``"effort"``.
+        Column of these, such as ``"effort"``.
     sampled : bool
         True if it needs samples all over the window, False if events and ends suffice.
+    also : str or None
+        A part of the scene, such as ``"bodies"``, whose elements it may be of too, where they are named.
+    element : str
+        Name of the element that it is of; the first one that it `needs` where empty.
     """
 
     name: str
@@ -242,21 +277,49 @@ class Measure:
     needs: str | None = None
     of: str = ""
     sampled: bool = False
+    also: str | None = None
+    element: str = ""
 
     @property
     def column(self) -> str:
-        return f"{self.name} [{self.unit}]"
+        named = f" of {self.element}" if self.element else ""
+        return f"{self.name}{named} [{self.unit}]"
 
     def source(self, scene: Scene) -> str:
         """The column of a run that it is of; none where that is of nothing."""
-        return f"{next(iter(getattr(scene, self.needs)))}.{self.of}" if self.needs else ""
+        return f"{self.element or next(iter(getattr(scene, self.needs)))}.{self.of}" if self.needs else ""
+
+    def subject(self, scene: Scene) -> str:
+        """Whose number it is, in words; none where that is of the whole mechanism."""
+        element = self.source(scene).rpartition(".")[0]
+        guide = scene.guides.get(element)
+        return element if guide is None else f"{guide.slider} along {element}"
+
+    def choices(self, scene: Scene) -> list[str]:
+        """Names of the elements that it can be of."""
+        return [name for part in (self.needs, self.also) if part for name in getattr(scene, part)]
 
     def value(self, window: SteadyWindow) -> float:
         return float(self.function(window, self.source(window.scene)))
 
 
+def measure_of(text: str) -> Measure:
+    """The measure of its name, or of ``NAME:ELEMENT``, such as ``peak-speed:block``.
+
+    Raises
+    ------
+    InputError
+        If there is none of this name.
+    """
+    name, colon, element = text.partition(":")
+    if name not in MEASURES or (colon and not (element and MEASURES[name].needs)):
+        raise InputError(f"measures: found {text!r}; expected some of {', '.join(MEASURES)}, each but event-count also "
+                         "with the name of an element, as peak-speed:NAME")
+    return replace(MEASURES[name], element=element)
+
+
 def stick_fraction(window: SteadyWindow, mode: str) -> float:
-    """Part of the window in which the first frictional guide sticks.
+    """Part of the window in which a frictional guide sticks.
 
     It is taken from located events, else from the stretches between samples of which both are slower than
     `CREEP_TOLERANCE`: a reversal has only one such sample.
@@ -274,8 +337,23 @@ def stick_fraction(window: SteadyWindow, mode: str) -> float:
 
 def peak(window: SteadyWindow, column: str) -> float:
     """Largest absolute value, two-sided values at events included."""
-    sides = [abs(side[column]) for event in window.run.events for side in (event.before, event.after)]
-    return max(np.max(np.abs(window.run.columns[column])), *sides, 0.0)
+    return _largest(window, (column,))
+
+
+def peak_speed(window: SteadyWindow, column: str) -> float:
+    """Largest speed: of a guide that of its slider along it, of a body that of its centre of mass."""
+    element = column.rpartition(".")[0]
+    names = tuple(f"{element}.{label}" for label in BODY_COLUMNS[1][:2])
+    return _largest(window, names if element in window.scene.bodies else (column,))
+
+
+def _largest(window: SteadyWindow, columns: Sequence[str]) -> float:
+    """Largest size of a vector with these columns."""
+    run = window.run
+    sides = [np.hypot.reduce([side[name] for name in columns])
+             for event in run.events for side in (event.before, event.after)]
+    sampled = np.sqrt(np.sum([run.columns[name] ** 2 for name in columns], axis=0))
+    return max(np.max(sampled), *sides, 0.0)
 
 
 def event_count(window: SteadyWindow, _: str) -> float:
@@ -294,9 +372,10 @@ def event_count(window: SteadyWindow, _: str) -> float:
 MEASURES = {measure.name: measure for measure in (
     Measure("stick-fraction", "-", stick_fraction, needs="frictional_guides", of="mode"),
     Measure("peak-torque", "N m", peak, needs="drives", of="effort", sampled=True),
-    Measure("peak-speed", "m/s", peak, needs="guides", of="slip_velocity", sampled=True),
+    Measure("peak-speed", "m/s", peak_speed, needs="guides", of="slip_velocity", sampled=True, also="bodies"),
     Measure("event-count", "-", event_count))}
-"""Peaks are those of the first drive (N of a distance drive) and of the first guide's slider along its guide."""
+"""Without the name of an element peaks are those of the first drive (N of a distance drive) and of the first guide's
+slider along its guide."""
 
 
 def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> SteadyWindow:
@@ -336,7 +415,7 @@ def _window_of_reference(scene: Scene, mechanism: Mechanism, run: SteadyRun, mea
         instants = np.linspace(t_end - periods * period, t_end, samples + 1) if periods else np.array([settle, t_end])
     else:
         instants = np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
-    columns = {measure.source(scene) for measure in measures if measure.needs}
+    columns = {measure.source(scene) for measure in measures if measure.needs and measure.element not in scene.bodies}
     columns |= {f"{body}.{label}" for body in scene.bodies
                 for labels in BODY_COLUMNS[:2 if period < np.inf else 3] for label in labels}
     integration = Integration(mechanism, q, v, instants, t_end, run.rtol,

@@ -1,7 +1,8 @@
-"""The stick threshold: the largest F0 for which the steady state reached from the scene's start has a stick phase.
+"""The stick threshold: upper end of the band of F0, next to the scene's own, with a stick phase in the steady state.
 
-It is searched here for each engine (`measure_threshold`), for the truth in `truth.reduced.steady_state`, and proven in
-`proof.threshold`.
+The steady state is the one that is reached from the scene's start. The threshold is searched here for each engine
+(`measure_threshold`), for the truth in `truth.reduced.steady_state`, and proven in `proof.threshold`. Above it the
+slider may stick again: `bands_above` scans for that.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from stiction.comparisons.proof.truth import threshold_of_theorem
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import HIGH_PRECISION, NO_TRUTH, PROVEN, StickThreshold, stick_threshold
-from stiction.comparisons.truth.reduced.steady_state import with_threshold
+from stiction.comparisons.truth.reduced.steady_state import StickBands, margin, steady_state, with_threshold
 from stiction.comparisons.variants import Variant, has_static_coefficient, physics_of, run_key, truth_key
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import EngineFailure
@@ -48,6 +49,12 @@ FIRST_SETTLING, MOST_SETTLING = 30, 960
 FIRST_STEP, FIRST_PART = 8, 0.1
 """Length of the first step of a search: in brackets where it begins near the threshold, else as a part of the amplitude
 that it begins at."""
+SCAN_STEP, SCAN_END, SCAN_WIDTH = 0.04, 2.5, 0.005
+"""Parts of a threshold: distance of the amplitudes at which a scan above it looks for stick phases, end of the scan,
+and width to which the ends of a band are halved. The narrowest band that is known is 0.16 of its threshold wide."""
+SCAN_RTOL, SCAN_DISTANCE, SCAN_FLOOR, SCAN_SETTLING = 1e-6, 1e-3, 0.05, 120
+"""Tolerance of the runs of a scan; distance from its limit at which a motion has settled, and the part of it above
+which its contraction is measured, as in sweeps; periods after which a motion that has not is given up."""
 LOCATED_WIDTH = 1e-9
 """N; width of the bracket of an engine with located events."""
 SETTLES = 0.25
@@ -59,12 +66,13 @@ MOST_NAMED = 3
 TRUTH = "threshold truth"
 """Name of the comparison that `plan` requires."""
 MIDDLE, ERROR, UNCERTAINTY = "F0 threshold [N]", "error [N]", "uncertainty [N]"
+AGAIN, SCANNED = "sticks again", "scanned to [N]"
 WITH_STICK, WITHOUT_STICK = "F0 with stick [N]", "F0 without stick [N]"
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """A bracket of the threshold: the largest F0 seen with and the smallest seen without a stick phase, N.
+    """A bracket of the threshold: F0 (N) seen with a stick phase, and seen without one above it.
 
     `runs` is the number of simulations, `remark` says why a bracket is missing. With located events, `residual` (N) is
     what the rest of the transient can shift a threshold by.
@@ -93,8 +101,10 @@ class Search:
     first : float, optional
         N; length of the first step from `near`; `FIRST_STEP` brackets if not given.
     probes : int
-        Amplitudes from end to end of the range, where it is halved: the largest that sticks is its low end. Small ones
-        need not stick either.
+        Amplitudes from end to end of the range, where it is halved, at which a band is looked for. Small ones need not
+        stick either.
+    own : float, optional
+        N; the band next to it is taken, the one below it rather than the one above; the highest one if not given.
     """
 
     low: float
@@ -103,6 +113,7 @@ class Search:
     near: float | None = None
     first: float | None = None
     probes: int = 2
+    own: float | None = None
 
 
 @dataclass
@@ -115,6 +126,8 @@ class StickProbe:
         Of `Engine.simulate`; with ``dt`` steps bound the shortest stick phase that is seen, else events are located.
     distance, floor : float
         Of a motion with located events, by which it counts as settled; see `settled`.
+    most_settling : int
+        Periods that a motion with located events is given at most; `MOST_SETTLING` if not given.
     seen : dict
         By amplitude whether it sticks, and of a sampled motion the median speed (m/s) of its slowest stretch.
     """
@@ -124,6 +137,7 @@ class StickProbe:
     arguments: Mapping[str, Any]
     distance: float = SETTLED
     floor: float = SETTLED
+    most_settling: int | None = None
     seen: dict[float, tuple[bool, float | None]] = field(default_factory=dict)
     runs: int = 0
     settle_periods: int = FIRST_SETTLING
@@ -155,7 +169,7 @@ class StickProbe:
 
     def _located(self, F0: float) -> tuple[bool, None]:
         periods = self.settle_periods
-        while periods <= MOST_SETTLING:
+        while periods <= (self.most_settling or MOST_SETTLING):
             run = self._simulate(F0, periods * self.period, self.period)
             state = settled(run[f"{self.guide}.displacement"][:periods + 1], self.distance, self.floor)
             if state is not None:
@@ -219,9 +233,14 @@ def _ends(stuck: Callable[[float], bool], search: Search) -> tuple[float, float]
     if search.near is not None:
         first = search.first or FIRST_STEP * search.width
         return around(stuck, search.near, search.low, search.high, first)
-    amplitudes = [float(F0) for F0 in np.linspace(search.high, search.low, search.probes)]
-    highest = next((i for i, F0 in enumerate(amplitudes) if stuck(F0)), search.probes - 1)
-    return amplitudes[highest], amplitudes[max(highest - 1, 0)]
+    amplitudes = [float(F0) for F0 in np.linspace(search.low, search.high, search.probes)]
+    last = len(amplitudes) - 1
+    own = last if search.own is None else int(np.argmin(np.abs(np.array(amplitudes) - search.own)))
+    # the band of its own amplitude, else the next one below, else the next one above; then its upper end
+    inside = next((i for i in (*range(own, -1, -1), *range(own + 1, last + 1)) if stuck(amplitudes[i])), 0)
+    while inside < last and stuck(amplitudes[inside + 1]):
+        inside += 1
+    return amplitudes[inside], amplitudes[min(inside + 1, last)]
 
 
 def around(stuck: Callable[[float], bool], near: float, low: float, high: float, step: float) -> tuple[float, float]:
@@ -237,10 +256,66 @@ def around(stuck: Callable[[float], bool], near: float, low: float, high: float,
         edge, step = other, 2 * step
 
 
+def bands_above(scene: Scene, threshold: float, start: float | None = None) -> StickBands:
+    """Scan for F0 above a threshold (N) at which the slider sticks again, by the event-driven reference.
+
+    From `start`, or a step above the threshold, to `SCAN_END` times it, `SCAN_STEP` of it apart. What is narrower, or
+    farther up, is not seen. The ends of a band are halved to `SCAN_WIDTH` of the threshold; an amplitude without a
+    steady state counts as one without a stick phase there.
+    """
+    probe = StickProbe(scene, "reference", {"rtol": SCAN_RTOL, "stabilization": "projection", "assemble": True},
+                       SCAN_DISTANCE, SCAN_FLOOR * SCAN_DISTANCE, SCAN_SETTLING)
+    unknown: list[float] = []
+
+    def stuck(F0: float) -> bool:
+        try:
+            return probe.sticks(F0)
+        except (NotSettled, EngineFailure):
+            unknown.append(F0)
+            return False
+
+    def end_of(inside: float, outside: float) -> float:
+        """The F0 next to the end of a band that still sticks."""
+        while abs(outside - inside) > SCAN_WIDTH * threshold:
+            middle = 0.5 * (inside + outside)
+            inside, outside = (middle, outside) if stuck(middle) else (inside, middle)
+        return inside
+
+    step = SCAN_STEP * threshold
+    amplitudes = [float(F0) for F0 in np.arange(start or threshold + step, SCAN_END * threshold + 0.5 * step, step)]
+    seen = [stuck(F0) for F0 in amplitudes]
+    without, bands = tuple(unknown), []
+    for i, F0 in enumerate(amplitudes):
+        if seen[i] and not (i and seen[i - 1]):
+            last = next((j for j in range(i, len(seen)) if not seen[j]), len(seen)) - 1
+            low = end_of(F0, amplitudes[i - 1]) if i else F0
+            high = end_of(amplitudes[last], amplitudes[last + 1]) if last + 1 < len(amplitudes) else amplitudes[last]
+            bands.append((low, high))
+    return StickBands(tuple(bands), amplitudes[-1], step, without)
+
+
+def with_bands(scene: Scene, threshold: StickThreshold | None = None) -> StickThreshold:
+    """The threshold of the reduced solution, if it is not given, and what is seen above it.
+
+    A band that the reference sees counts if the reduced solution sticks in its middle too.
+    """
+    found = threshold or stick_threshold(scene)
+    if found.F0 is None:
+        return found
+    above, mechanism = bands_above(scene, found.F0), with_threshold(scene)
+
+    def confirmed(band: tuple[float, float]) -> bool:
+        loaded = replace(mechanism, F0=0.5 * sum(band))
+        return margin(loaded, steady_state(loaded)) < 0
+
+    return replace(found, above=replace(above, bands=tuple(filter(confirmed, above.bands))))
+
+
 def true_thresholds(scene: Scene) -> Comparison[dict[bool, StickThreshold]]:
     """The threshold of the reduced solution, for the physics with and without a static coefficient of its own.
 
-    Where the suite has a theorem it is the proven interval, and nothing is computed; one that failed has its reason.
+    Where the suite has a theorem it is the proven interval, and only the scan above it is made; one that failed has its
+    reason.
 
     Raises
     ------
@@ -250,16 +325,14 @@ def true_thresholds(scene: Scene) -> Comparison[dict[bool, StickThreshold]]:
     with_threshold(scene)
     physics = {has_mus: physics_of(scene, has_mus) for has_mus in (False, True)}
     proven = {has_mus: threshold_of_theorem(varied) for has_mus, varied in physics.items()}
-    sought = [has_mus for has_mus in physics if proven[has_mus] is None]
 
     def tabulate(outcomes: Sequence[Outcome]) -> dict[bool, StickThreshold]:
-        found = {has_mus: outcome.value or StickThreshold(None, None, (np.nan, np.nan),
-                                                          f"{outcome.status}: {outcome.reason}")
-                 for has_mus, outcome in zip(sought, outcomes, strict=True)}
-        return {has_mus: threshold or found[has_mus] for has_mus, threshold in proven.items()}
+        return {has_mus: outcome.value or proven[has_mus]
+                or StickThreshold(None, None, (np.nan, np.nan), f"{outcome.status}: {outcome.reason}")
+                for has_mus, outcome in zip(physics, outcomes, strict=True)}
 
-    return Comparison(tuple(Task(f"threshold/{truth_key(scene.name, has_mus)}/truth", stick_threshold,
-                                 (physics[has_mus],)) for has_mus in sought), tabulate)
+    return Comparison(tuple(Task(f"threshold/{truth_key(scene.name, has_mus)}/truth", with_bands,
+                                 (varied, proven[has_mus])) for has_mus, varied in physics.items()), tabulate)
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
@@ -302,6 +375,8 @@ def threshold_table(scene: Scene, variants: Sequence[Variant], outcomes: Sequenc
                    "status": outcome.status, "reason": outcome.reason or (found.remark if found else ""),
                    "truth [N]": truth.F0, "truth tier": tier, "truth note": truth.note,
                    "truth uncertainty [N]": truth.uncertainty, "theorem": truth.theorem, "paper [N]": PAPER_VALUE,
+                   AGAIN: truth.above.words if truth.above else "",
+                   SCANNED: truth.above.end if truth.above else np.nan,
                    "mus": guide.static_coefficient, "key": f"threshold/{run_key(scene, variant, step)}"}
             rows.append(row if found is None else row | {
                 WITH_STICK: found.with_stick, WITHOUT_STICK: found.without_stick, "runs": found.runs,
@@ -335,29 +410,46 @@ def present(results: Results) -> Presentation:
                                             | ~(beyond[CHANGE] < SETTLES * beyond[ERROR].abs()))
     clearly, moving = (listed(_named([traced("{} ({} N)", called(variant), off[variant]) for variant in names]))
                        for names in (beyond.loc[~moves, "variant"], beyond.loc[moves, "variant"]))
-    answer = traced("The slider sticks up to F0 = {} N. {}{}", truth, sentence("Clearly off: {}.", clearly)
-                    or "No method is clearly off.", sentence(" Inconclusive at its finest step: {}.", moving))
+    answer = traced("The band of stick next to the scene's F0 ends at {} N. {}{}", truth,
+                    sentence("Clearly off: {}.", clearly) or "No method is clearly off.",
+                    sentence(" Inconclusive at its finest step: {}.", moving))
     installed = table.loc[table["status"] != MISSING_ENGINE, "variant"].unique()
     none = [called(variant) for variant in installed if variant not in off]
     findings = [traced("No threshold was found for {}.", listed(none))] if none else []
     proven = table.dropna(subset="theorem").drop_duplicates("theorem") if "theorem" in table else table.iloc[:0]
     findings += [TracedText(f"Proven for mus = {row['mus']:g}: it {text[text.rindex('lies between'):]}")
                  for row in proven.to_dict("records") if "lies between" in (text := row["theorem"])]
+    findings += _above(table)
     headline = Headline("stick limit off [N]", {variant: traced("{}", number) for variant, number in off.items()})
     columns = (Column("variant", "method"), Column("fidelity"), Column("mus", form="g"),
                Column("setting"),
                Column(WITH_STICK, "sticks at", "N", form=".6g", brief=False),
                Column(WITHOUT_STICK, "slips at", "N", form=".6g", brief=False),
-               Column(ERROR, "F0 less truth", "N", UNCERTAINTY, interval=True), Column("runs", brief=False),
-               Column("reason", brief=False))
-    shown = view("threshold", "Largest load amplitude F0 with a stick phase in the steady state, less that of the "
-                 "truth; the finest step of each method.", finest, columns)
+               Column(ERROR, "F0 less truth", "N", UNCERTAINTY, interval=True), Column(AGAIN),
+               Column("runs", brief=False), Column("reason", brief=False))
+    shown = view("threshold", "Upper end of the band of load amplitudes F0, next to the scene's own, with a stick "
+                 "phase in the steady state, less that of the truth; the finest step of each method.", finest, columns)
     whole = view("threshold-all", "The threshold at every step.", table, columns, source="threshold", in_report=False)
     notes = ("The uncertainty is the width of the bracket that the search ends with, and the change from the next "
              "coarser step. Brackets are not ranked: a method is off only where its error is larger than its "
              "uncertainty. Its step must be the finest of all, and must have changed the error by less than "
-             f"{100 * SETTLES:g} %.",)
+             f"{100 * SETTLES:g} %.",
+             "Above the threshold the slider may stick again. The event-driven reference is asked every "
+             f"{100 * SCAN_STEP:g} % of it, up to {SCAN_END:g} times it, and the truth in the middle of each band that "
+             "is found. Narrower bands, and those farther up, are not seen.")
     return Presentation(answer, tuple(findings), (headline,), (shown, whole), (_figure(measured),), notes)
+
+
+def _above(table: pd.DataFrame) -> list[TracedText]:
+    """Where the slider sticks again above the threshold of each physics, as far as the scan has seen."""
+    if AGAIN not in table:
+        return []
+    scanned = table[table[SCANNED].notna()].drop_duplicates("mus")
+    found = [TracedText(f"With mus = {row['mus']:g} it sticks again {row[AGAIN]}.")
+             for row in scanned.to_dict("records") if row[AGAIN]]
+    if len(scanned) and not found:
+        found = [TracedText(f"No other band is seen above, up to {scanned[SCANNED].min():.3g} N.")]
+    return found
 
 
 def _named(methods: list[TracedText]) -> list[TracedText]:
@@ -375,10 +467,11 @@ def _figure(measured: pd.DataFrame) -> Chart:
         error, unsure = runs[ERROR].to_numpy(float), runs[UNCERTAINTY].where(is_known).to_numpy(float)
         series.append(Series("", error, y, error - unsure, error + unsure, look=variant, line=False, points=True))
     places = Axis("", ticks=[float(-place) for place in range(len(names))], words=names)
-    panel = Panel("", Axis("threshold on F0, less that of the truth [N]"), places, series, horizontal=True,
-                  lines=(0.0,))
-    return Chart("threshold", "Stick threshold of each method less that of the truth, at each step from coarse (above) "
-                 "to fine. Bars: the bracket that the search ended with and the change from the coarser step. The "
+    panel = Panel("", Axis("upper end of the band of F0 with stick, less that of the truth [N]"), places, series,
+                  horizontal=True, lines=(0.0,))
+    return Chart("threshold", "Stick threshold of each method (upper end of the band of F0 with a stick phase next to "
+                 "the scene's own F0) less that of the truth, at each step from coarse (above) to fine. "
+                 "Bars: the bracket that the search ended with and the change from the coarser step. The "
                  "coarsest step has none.",
                  (panel,), columns=1, height=1.0 + 0.24 * len(names))
 
@@ -388,5 +481,6 @@ def known(number: float, unsure: float) -> str:
     return f"{number:.{max(0, int(np.floor(-np.log10(2 * unsure)))) if unsure > 0 else 12}f}"
 
 
-STUDY = Study("threshold", "Stick limit", "Up to which load does the slider stick?", 4, present, plan,
-              {TRUTH: lambda scope: true_thresholds(scope.scenes[0])}, seconds=10.0, takes=frozenset({"engines"}))
+STUDY = Study("threshold", "Stick limit",
+              "Where does the band of loads end, next to the scene's own, in which the slider sticks?", 4, present,
+              plan, {TRUTH: lambda scope: true_thresholds(scope.scenes[0])}, seconds=10.0, takes=frozenset({"engines"}))

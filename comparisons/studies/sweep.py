@@ -27,8 +27,9 @@ from stiction.comparisons.digest import digest, engine_identity
 from stiction.comparisons.environment import source_digest, versions
 from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled, common_period
 from stiction.comparisons.studies.steady_state_measures import (CONTRACTION, MEASURES, REPEATS, Measure, SteadyRun,
-                                                                steady_window)
-from stiction.comparisons.studies.stick_threshold import AMPLITUDE, WITH_STICK, WITHOUT_STICK, Search, measure_threshold
+                                                                measure_of, steady_window)
+from stiction.comparisons.studies.stick_threshold import (AGAIN, AMPLITUDE, SCANNED, WITH_STICK, WITHOUT_STICK, Search,
+                                                          bands_above, measure_threshold)
 from stiction.engines import EngineMissing, Isolate, Outcome, Refused, Task, isolate, load_engine
 from stiction.reference_impl.multibody.initial_state import with_consistent_start
 from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
@@ -42,7 +43,8 @@ end to end of the axis."""
 BRACKET = 2.5e-3
 """Width of a threshold's bracket as a part of the range in which it is searched."""
 PROBES = 9
-"""Amplitudes from end to end of the search at which a stick phase is looked for before the bisection."""
+"""Amplitudes from end to end of the search at which the band next to the scene's own amplitude is looked for before the
+bisection."""
 NO_STEADY_STATE = "no steady state"
 """Status of a point whose motion neither rests nor repeats itself; it has no numbers."""
 FAILURES = {NotSettled: NO_STEADY_STATE, NoCommonPeriod: NO_STEADY_STATE, SceneError: "refused", Refused: "refused",
@@ -92,10 +94,16 @@ def parse_axis(text: str) -> SweepAxis:
         if count != int(count) or not 2 <= count <= MAX_POINTS:
             raise InputError(f"axis {key}: found {parts[2].strip()!r} values; expected a whole number from 2 to "
                              f"{MAX_POINTS}")
-        numbers = np.linspace(low, high, int(count)).tolist()
+        numbers = [_short(value) for value in np.linspace(low, high, int(count)).tolist()]
     if len(set(numbers)) < len(numbers):
         raise InputError(f"axis {key}: found {given!r}; expected values that differ from each other")
     return SweepAxis(key, tuple(numbers))
+
+
+def _short(value: float) -> float:
+    """The number with fewer digits that a value misses by rounding alone: 0.15 for 0.15000000000000002."""
+    short = float(f"{value:.14g}")
+    return short if abs(short - value) <= 2 * np.spacing(abs(value)) else value
 
 
 def usual_end(scene: Scene) -> float:
@@ -115,7 +123,9 @@ class Specification:
     axes : tuple of SweepAxis
         The last one varies fastest.
     measures : tuple of str
-        Names in `MEASURES`, or ``"threshold"``: largest F0 with a stick phase, along the axes that are not F0.
+        Names in `MEASURES`, those but ``"event-count"`` also with an element, as in ``"peak-speed:block"``. Or
+        ``"threshold"``: upper end of the band of F0, next to the scene's own, with a stick phase, along the axes that
+        are not F0.
     run : SteadyRun
         The run of each point.
     timeout_s : float
@@ -142,9 +152,9 @@ class Specification:
             raise InputError(f"axes: found {', '.join(keys) or 'none'}; expected at least one, each key once")
         if math.prod(len(axis.values) for axis in self.axes) > MAX_POINTS:
             raise InputError(f"axes: found more than {MAX_POINTS} points; expected fewer")
-        if not self.measures or len(set(self.measures)) < len(self.measures) or not set(self.measures) <= set(known):
+        if not self.measures or len(set(self.measures)) < len(self.measures):
             found = ", ".join(self.measures) or "none"
-            raise InputError(f"measures: found {found}; expected some of {', '.join(known)}")
+            raise InputError(f"measures: found {found}; expected some of {', '.join(known)}, each once")
         settle, t_end = self.run.settle, self.run.t_end
         if not 0 <= settle < t_end:
             raise InputError(f"settle, t_end: found {settle:g}, {t_end:g}; expected 0 <= settle < t_end, in seconds")
@@ -157,6 +167,8 @@ class Specification:
             if measure.needs and not getattr(scene, measure.needs):
                 needed = measure.needs.replace("_", " ")
                 raise InputError(f"{measure.name}: found no {needed} in {scene.name}; expected one")
+            if measure.element and measure.element not in (choices := measure.choices(scene)):
+                raise InputError(f"{measure.name}: found {measure.element!r}; expected one of {', '.join(choices)}")
         if THRESHOLD in self.measures and not (scene.frictional_guides and AMPLITUDE in scene.parameters):
             raise InputError(f"{THRESHOLD}: expected a frictional guide and a parameter {AMPLITUDE} in {scene.name}")
         for axis in self.axes:
@@ -173,7 +185,7 @@ class Specification:
     @property
     def run_measures(self) -> list[Measure]:
         """The measures that are numbers of a run."""
-        return [MEASURES[name] for name in self.measures if name != THRESHOLD]
+        return [measure_of(text) for text in self.measures if text != THRESHOLD]
 
     @property
     def parts(self) -> list[str]:
@@ -197,6 +209,7 @@ class Specification:
         return {"code": source_digest(), "scene": scene_to_toml(self.scene),
                 "axes": {axis.key: list(axis.values) for axis in self.axes},
                 "measures": list(self.measures),
+                "measured": {measure.column: measure.subject(self.scene) for measure in self.run_measures},
                 "settings": {**asdict(self.run), "timeout": self.timeout_s},
                 "versions": {**versions(), self.run.engine: load_engine(self.run.engine).version},
                 "engine": engine_identity(self.run.engine)}
@@ -208,7 +221,7 @@ class Specification:
     def tasks(self, part: str) -> list[Task]:
         """The row of every point."""
         numbers: Numbers = map_numbers
-        about: Any = [measure.name for measure in self.run_measures]
+        about: Any = [text for text in self.measures if text != THRESHOLD]
         if part == THRESHOLD:
             amplitudes = [value for axis in self.axes if axis.key == AMPLITUDE for value in axis.values]
             numbers, about = threshold_numbers, (min(amplitudes), max(amplitudes)) if amplitudes else None
@@ -220,9 +233,12 @@ class Specification:
         keys, text = [axis.key for axis in self.grid(part)], ["status", "reason"]
         numbers = [WINDOW_START, *(measure.column for measure in self.run_measures)]
         if part == THRESHOLD:
-            numbers = [THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK]
+            numbers = [THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK, SCANNED]
+            text.append(AGAIN)
         types = dict.fromkeys([*keys, *numbers], float) | dict.fromkeys(text, str)
-        return pd.DataFrame(rows, columns=[*keys, *text, *numbers]).astype(types)
+        table = pd.DataFrame(rows, columns=[*keys, *text, *numbers])
+        table[text] = table[text].astype(object).fillna("")
+        return table.astype(types)
 
 
 def point_row(numbers: Numbers, scene: Scene, run: SteadyRun, about: Any, point: Mapping[str, float]) -> dict[str, Any]:
@@ -237,26 +253,30 @@ def point_row(numbers: Numbers, scene: Scene, run: SteadyRun, about: Any, point:
 
 def map_numbers(scene: Scene, run: SteadyRun, measures: Sequence[str]) -> dict[str, Any]:
     """The numbers of a run."""
-    chosen = [MEASURES[name] for name in measures]
+    chosen = [measure_of(text) for text in measures]
     window = steady_window(scene, run, chosen)
     return {WINDOW_START: window.start, **{measure.column: measure.value(window) for measure in chosen}}
 
 
 def threshold_numbers(scene: Scene, run: SteadyRun, search: tuple[float, float] | None) -> dict[str, Any]:
-    """The threshold, searched between two amplitudes (N), or around the scene's own."""
-    low, high = search or sorted(factor * abs(scene.parameters[AMPLITUDE]) for factor in SEARCH)
+    """The threshold, searched between two amplitudes (N), or around the scene's own, and what is seen above it."""
+    own = abs(scene.parameters[AMPLITUDE])
+    low, high = search or sorted(factor * own for factor in SEARCH)
     step, distance = run.step(scene), REPEATS * run.rtol
     arguments: dict[str, Any] = {"rtol": run.rtol} if step is None else {"dt": step}
     if run.is_event_driven_reference:
         arguments |= {"stabilization": "projection", "assemble": True}
     else:
         scene, arguments["fidelity"] = with_consistent_start(scene, assemble=True), run.fidelity
-    found = measure_threshold(scene, run.engine, arguments, Search(low, high, BRACKET * (high - low), probes=PROBES),
+    found = measure_threshold(scene, run.engine, arguments,
+                              Search(low, high, BRACKET * (high - low), probes=PROBES, own=own),
                               distance, CONTRACTION * distance)
     if found.with_stick is None or found.without_stick is None:
         return {"status": "not found", "reason": found.remark}
-    return {THRESHOLD_COLUMN: 0.5 * (found.with_stick + found.without_stick), WITH_STICK: found.with_stick,
-            WITHOUT_STICK: found.without_stick}
+    middle = 0.5 * (found.with_stick + found.without_stick)
+    above = bands_above(scene, middle)
+    return {THRESHOLD_COLUMN: middle, WITH_STICK: found.with_stick, WITHOUT_STICK: found.without_stick,
+            AGAIN: above.words, SCANNED: above.end}
 
 
 @dataclass(frozen=True)
@@ -264,7 +284,8 @@ class Sweep:
     """Tables with one row per point, in the order of the grid; None where no measure requires one.
 
     `map`: axes, ``status``, ``reason``, ``window from [s]``, a column per measure. `threshold`: axes that are not F0,
-    ``status``, ``reason``, the bracket of the threshold and its middle.
+    ``status``, ``reason``, ``sticks again`` (where above the threshold, in words), the bracket of the threshold and its
+    middle, and up to where the slider was seen not to stick again.
     """
 
     specification: Specification

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from stiction.engines.program.engine import ProgramEngine
-from stiction.engines.registry import EngineMissing
+from stiction.engines.registry import EngineBroken, EngineMissing
 from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.scenes import InputError, Scene, Trajectory
 
 DECLARATION = Path(__file__).with_name("siconos.toml")
+SYSTEM_PYTHON, PYTHON_VARIABLE = "/usr/bin/python3", "STICTION_SICONOS_PYTHON"
+"""The Python of the declaration, and the environment variable that names another one that has Siconos."""
+BRINGS = "apt-get install python3-siconos brings it (Debian)"
 BLOCKS = ("nsgs", "cpg", "lemke", "enum")
 BOUNDS = {"theta": (0.5, 1.0), "clearance": (1e-12, 1.0), "restitution": (0.0, 1.0), "tolerance": (1e-14, 1e-3),
           "iterations": (1, 10 ** 9)}
@@ -33,9 +37,18 @@ class SiconosEngine(ProgramEngine):
     def __init__(self) -> None:
         try:
             super().__init__(DECLARATION)
+        except EngineBroken as error:
+            # a Python without Siconos, or without NumPy, ends with the traceback of the import; its last line says why
+            last = str(error).partition("; expected a line")[0].rpartition(" | ")[2].strip()
+            if last.startswith("ModuleNotFoundError"):
+                raise EngineMissing(f"{self.name}: {_python()} does not have it; {BRINGS}") from error
+            raise EngineBroken(f"{self.name}: {_python()} cannot run it: {last}; {BRINGS}") from error
         except EngineMissing as error:
-            raise EngineMissing(f"{error}; apt-get install python3-siconos brings it where the system is Debian or of "
-                                "its family") from error
+            raise EngineMissing(f"{self.name}: found no program {_python()}; {BRINGS}") from error
+
+    def _found(self, word: str) -> Path:
+        """The Python that has Siconos: the declaration's, or that of the environment variable."""
+        return super()._found(_python() if word == SYSTEM_PYTHON else word)
 
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
@@ -47,3 +60,7 @@ class SiconosEngine(ProgramEngine):
         refuse_off(scene)
         return super().run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step,
                            settings=settings)
+
+
+def _python() -> str:
+    return os.environ.get(PYTHON_VARIABLE, SYSTEM_PYTHON)

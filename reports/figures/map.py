@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib import patheffects
 
 from stiction.comparisons.studies.stick_threshold import AMPLITUDE
-from stiction.comparisons.studies.sweep import Sweep
+from stiction.comparisons.studies.sweep import THRESHOLD_COLUMN, Sweep
 from stiction.reports.figures.style import COLORS, Drawing, panels
 from stiction.scenes import Scene
 
@@ -23,8 +23,10 @@ UNITS = {AMPLITUDE: "N", "amplitude": "N", "frequency": "rad/s", "phase": "rad",
 
 def sweep_drawings(sweep: Sweep) -> Iterator[Drawing]:
     """A drawing per measure of a sweep over one axis or two; none for other sweeps. Draw under `style.rc()`."""
-    measured = [(sweep.map, measure.column, measure.name) for measure in sweep.specification.run_measures]
-    for table, column, name in (*measured, (sweep.threshold, "threshold [N]", "threshold")):
+    scene = sweep.specification.scene
+    measured = [(sweep.map, measure.column, f"{measure.name} of {subject}" if (subject := measure.subject(scene)) else
+                 measure.name) for measure in sweep.specification.run_measures]
+    for table, column, name in (*measured, (sweep.threshold, THRESHOLD_COLUMN, "stick threshold")):
         axes = [] if table is None else [axis.key for axis in sweep.specification.axes if axis.key in table]
         if len(axes) in (1, 2):
             yield (_curve if len(axes) == 1 else _map)(sweep, table, axes, column, name)
@@ -48,7 +50,7 @@ def _curve(sweep: Sweep, table: pd.DataFrame, axes: Sequence[str], column: str, 
     figure, [[ax]] = panels(1, 1, 2.8)
     ax.plot(points[key], points[column], "o-", color=COLORS[0], markersize=3, linewidth=1.0)
     ax.set(xlabel=_label(sweep.specification.scene, key), ylabel=column)
-    return Drawing(f"curve-{name}", _caption(sweep, table, name, str(len(points))) + ".", figure)
+    return Drawing(f"curve-{_file_name(column)}", _caption(sweep, table, name, str(len(points))) + ".", figure)
 
 
 def _map(sweep: Sweep, table: pd.DataFrame, axes: Sequence[str], column: str, name: str) -> Drawing:
@@ -70,9 +72,15 @@ def _map(sweep: Sweep, table: pd.DataFrame, axes: Sequence[str], column: str, na
         ax.plot(curve[x], curve[y], color=COLORS[1], linewidth=1.4, label="stick threshold",
                 path_effects=[patheffects.withStroke(linewidth=2.8, foreground="white")])
         figure.legend(loc="outside upper right")
-        caption += f"; line: largest {AMPLITUDE} with a stick phase, where the range shown contains it"
+        caption += (f"; line: upper end of the band of {AMPLITUDE}, next to the scene's own, with a stick phase, where "
+                    "the range shown contains it")
     ax.set(xlabel=_label(sweep.specification.scene, across), ylabel=_label(sweep.specification.scene, up))
-    return Drawing(f"map-{name}", caption + ".", figure)
+    return Drawing(f"map-{_file_name(column)}", caption + ".", figure)
+
+
+def _file_name(column: str) -> str:
+    """A measure in the name of a file: its column without the unit, and with hyphens for spaces."""
+    return column.partition(" [")[0].replace(" ", "-")
 
 
 def _label(scene: Scene, key: str) -> str:

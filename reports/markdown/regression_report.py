@@ -14,7 +14,8 @@ import pandas as pd
 from stiction.comparisons.atomic_files import make_folder, write_text
 from stiction.comparisons.campaigns.measurement import RANDOM, Row
 from stiction.comparisons.campaigns.nightly import Result
-from stiction.comparisons.campaigns.regression import BETTER, COULD_NOT_RUN, FINE, NEW, NOTHING, REGRESSION, Finding
+from stiction.comparisons.campaigns.regression import (BETTER, COULD_NOT_RUN, FINE, NEW, NOT_JUDGED, NOTHING,
+                                                       REGRESSION, Finding)
 from stiction.comparisons.presentation.cells import cell
 from stiction.reports.markdown.failures import grouped
 from stiction.reports.markdown.tables import markdown
@@ -58,10 +59,16 @@ def night_report(result: Result) -> str:
 
 
 def changes(findings: Sequence[Finding]) -> str:
-    """Write the worst finding of each quantity of a variant, worst first, in a table; what is merely new is counted."""
+    """Write the worst finding of each quantity of a variant, worst first, in a table.
+
+    What is merely new is counted, and so are the runs of extras that are not installed, below the table.
+    """
     groups: dict[tuple[str, ...], list[Finding]] = {}
+    absent: Counter[str] = Counter()
     for finding in findings:
-        if finding.severity != NEW:
+        if finding.severity == NOT_JUDGED and finding.now == "missing":
+            absent[finding.reason] += 1
+        elif finding.severity != NEW:
             variant = finding.key.partition("/")[2].rpartition("/")[0]
             groups.setdefault((finding.severity, finding.kind, finding.metric, variant), []).append(finding)
     rows = [{"": worst.severity, "what": worst.metric or worst.kind, "worst run": worst.key,
@@ -73,6 +80,7 @@ def changes(findings: Sequence[Finding]) -> str:
         lines.append(f"and {len(groups) - SHOWN} more lines, none worse than these.")
     if new := sum(finding.severity == NEW for finding in findings):
         lines.append(f"{new} runs or numbers are not in the baseline; {_UPDATE} adds them.")
+    lines += [f"{count} runs of an engine that is not installed: {reason}." for reason, count in absent.items()]
     if any(finding.severity == BETTER for finding in findings):
         lines.append(f"What has become better is no failure; {_UPDATE} makes it what is expected from now on.")
     return "\n\n".join(lines)

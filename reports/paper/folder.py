@@ -31,10 +31,10 @@ AUTHORS = ("the stiction authors",)
 """Authors as in ``CITATION.cff``, unless others are named."""
 TRACING = (
     "The last column of a table is a key. Its letter names a table of the run's data, its numbers the rows, from 1: "
-    "A12 row 12 of data/accuracy.csv, J16-30 are rows 16 to 30 of data/torque.csv, which the numbers here sum up. The "
-    "\"stiction trace RUN KEY\" prints the rows in full precision, the files of trajectories and truth, the settings "
-    "the engine, versions and machine; trace.csv has the same for all keys. Tables with every row of the data are in "
-    "the folder tables.")
+    "A12 is row 12 of data/accuracy.csv; J16-30 are rows 16 to 30 of data/torque.csv, which the numbers here sum up. "
+    "The command \"stiction trace RUN KEY\" prints the rows in full precision, the files of trajectories and truth, "
+    "the settings of the engine, the versions and the machine; trace.csv has the same for all keys. Tables with every "
+    "row of the data are in the folder tables.")
 
 
 def write_paper(run: StoredRun, folder: str | Path, column: str = "double", authors: Sequence[str] = AUTHORS) -> Path:

@@ -45,8 +45,8 @@ def prove(scene: Annotated[str, typer.Argument(
           )] = None,
           check: Annotated[bool, typer.Option("--check", help="Prove anew every claim of a file.")] = False,
           threshold: Annotated[int | None, typer.Option(
-              "--threshold", metavar="N", parser=_up_to(11), help="Instead: prove the largest F0 with a stick phase to "
-              "N decimal places (slider-bar).")] = None) -> None:
+              "--threshold", metavar="N", parser=_up_to(11), help="Instead: prove to N decimal places where the band "
+              "of F0 with a stick phase, next to the scene's own F0, ends (slider-bar).")] = None) -> None:
     """Enclose a motion with a proof: contact modes, events, existence, uniqueness; the scene's numbers as written."""
     _require_library()
     if t_end is not None:  # as text: the number as it is written

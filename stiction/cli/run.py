@@ -92,8 +92,9 @@ def sweep(scene: SceneName,
               "--vary", metavar="KEY=FROM:TO:COUNT|KEY=A,B,..", help="An axis of the grid: F0=0.5:6:100, "
               "guide.mu=0.01,0.03. Repeatable; one axis is drawn as a curve, two as a map.")],
           measure: Annotated[list[str], typer.Option(
-              "--measure", metavar="A,B,..", help="stick-fraction, peak-torque, peak-speed, event-count; threshold: "
-              "largest F0 with a stick phase.")],
+              "--measure", metavar="A,B,..", help="stick-fraction, peak-torque, peak-speed, event-count, of another "
+              "guide, drive or body as peak-speed:NAME; threshold: upper end of the band of F0, next to the scene's "
+              "own, with a stick phase.")],
           engine: EngineName = "reference", fidelity: Fidelity = "joint", workers: Workers = None,
           executor: ExecutorName = "processes", timeout: Timeout = 240,
           t_end: Annotated[float | None, typer.Option(
@@ -150,16 +151,38 @@ def _show_sweep(result: Any, folder: Path) -> None:
               if table is not None}
     print(folder)
     columns = [(part, name, table[name]) for part, table in tables.items() for name in table.columns
-               if "[" in name and not name.startswith("window")]
-    show(("table", "column", "smallest", "largest", "points", "without a number"),
-         [(part, name, f"{values.min():.6g}", f"{values.max():.6g}", str(len(values)), str(values.isna().sum()))
+               if "[" in name and not name.startswith(("window", "scanned"))]
+    scene = result.specification.scene
+    subjects = {measure.column: measure.subject(scene) for measure in result.specification.run_measures}
+
+    def range_of(values: Any) -> tuple[str, str]:
+        """The ends of a column's numbers, if it has any."""
+        return ("-", "-") if values.isna().all() else (f"{values.min():.6g}", f"{values.max():.6g}")
+
+    show(("table", "column", "of", "smallest", "largest", "points", "without a number"),
+         [(part, name, subjects.get(name, ""), *range_of(values), str(len(values)), str(values.isna().sum()))
           for part, name, values in columns])
     for part, table in tables.items():
         failed = table[table["status"] != "ok"]
         for reason, points in (failed["status"] + ": " + failed["reason"]).value_counts()[:EVENTS_SHOWN].items():
-            print(f"{part}: {points} points: {reason}")
+            print(f"{part}: {points} {'point' if points == 1 else 'points'}: {reason}")
+    if result.threshold is not None:
+        _show_bands(result.threshold)
     if all((table["status"] != "ok").all() for table in tables.values()):
         raise ended(FAILED, "all points failed")
+
+
+def _show_bands(table: Any) -> None:
+    """Print where the slider sticks again above its threshold, of the first rows at which it does."""
+    from stiction.comparisons.studies.stick_threshold import AGAIN
+
+    again = table[table[AGAIN] != ""]
+    keys = list(table.columns[:list(table.columns).index("status")])
+    for row in again.to_dict("records")[:EVENTS_SHOWN]:
+        point = ", ".join(f"{key} = {row[key]:g}" for key in keys)
+        print(f"threshold: above {row['threshold [N]']:.6g} N the slider sticks again {row[AGAIN]} ({point})")
+    if len(again) > EVENTS_SHOWN:
+        print(f"threshold: .. and so at {len(again) - EVENTS_SHOWN} points more")
 
 
 @commands.command()

@@ -68,7 +68,7 @@ def browser() -> Iterator:
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install '.[test]')")
     executable = next(filter(None, map(shutil.which, BROWSERS)), None)
     if executable is None:
-        pytest.skip(f"no browser on this machine: none of {', '.join(BROWSERS)} is on the path")
+        pytest.skip(f"no browser on the path: none of {', '.join(BROWSERS)}")
     with api.sync_playwright() as playwright:
         opened = playwright.chromium.launch(executable_path=executable, args=["--no-sandbox"])  # where tests run as root
         yield opened

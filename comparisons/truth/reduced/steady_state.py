@@ -1,5 +1,8 @@
 """Steady states of the slider-bar as fixed points of its return map, and the threshold of stick phases.
 
+The threshold is the upper end of one band of F0 with stick phases, the one next to the scene's own F0. Above it the
+slider may stick again.
+
 Load and bar have a common period T; the return map takes (x, v) at time 0 to (x, v) at n T. The motion is followed from
 its start until it nearly repeats itself after n <= 8 periods. Then Newton's method finds the fixed point, and the
 eigenvalues of the map's Jacobian (the multipliers) decide whether it attracts. A slider that rests all the time is at a
@@ -23,7 +26,8 @@ MOST_PERIODS = 8
 """Subharmonics of higher order count as not periodic."""
 SETTLING = 400
 """Periods after which a motion that has not come near a fixed point is given up."""
-DEFINITION = "largest F0 for which the steady state reached from the scene's start has a stick phase"
+DEFINITION = ("upper end of the band of F0, next to the scene's own, for which the steady state reached from the "
+              "scene's start has a stick phase")
 
 _STEPS, _CHECK = Collocation(order=20, longest_step=0.5), Collocation(order=16, longest_step=0.2)
 _NEAR = 1e-2  # of the motion's size: repeats itself as closely as this before Newton's method is tried
@@ -135,6 +139,33 @@ def _attracts(mechanism: SliderBar, found: SteadyState, state: np.ndarray) -> bo
 
 
 @dataclass(frozen=True)
+class StickBands:
+    """What a scan above a threshold has seen.
+
+    Attributes
+    ----------
+    bands : tuple of (float, float)
+        Smallest and largest F0 (N) seen with a stick phase of each band.
+    end, step : float
+        N; up to where it went, and the distance of its amplitudes: narrower bands may be missed.
+    unknown : tuple of float
+        Amplitudes (N) at which no steady state was found.
+    """
+
+    bands: tuple[tuple[float, float], ...]
+    end: float
+    step: float
+    unknown: tuple[float, ...] = ()
+
+    @property
+    def words(self) -> str:
+        """Where it sticks again, such as ``"at about 3.77 to 4.54 N"``; nothing where it does not."""
+        shown = [f"{low:.3g} to {high:.3g}" if f"{low:.3g}" != f"{high:.3g}" else f"{low:.3g}"
+                 for low, high in self.bands]
+        return f"at about {' N and '.join(shown)} N" if shown else ""
+
+
+@dataclass(frozen=True)
 class StickThreshold:
     """`DEFINITION`, or why there is none: F0 and its uncertainty in N, both None where there is none.
 
@@ -142,6 +173,7 @@ class StickThreshold:
     steady state jumps, also the distance from the jump at which the motion from the start was followed. `bracket` are
     the amplitudes with and without a stick phase between which the root was sought. `note` says what coexists with it,
     or the reason where there is no threshold. `theorem` is the proof of it in words: then the uncertainty is a bound.
+    `above` is what a scan above it has seen, where one was made.
     """
 
     F0: float | None
@@ -149,6 +181,7 @@ class StickThreshold:
     bracket: tuple[float, float]
     note: str = ""
     theorem: str = ""
+    above: StickBands | None = None
 
 
 class NoThreshold(TruthRefused):
@@ -156,7 +189,7 @@ class NoThreshold(TruthRefused):
 
 
 def stick_threshold(scene: Scene, xtol: float = 1e-11) -> StickThreshold:
-    """Find `DEFINITION` next to the scene's own F0; a typed result without a number where there is none.
+    """Find `DEFINITION`; a typed result without a number where there is none.
 
     In a steady state the slider sticks wherever its velocity reaches zero and the load there is below what static
     friction can hold. The smallest `SliderBar.break_away_margin` over the zeros of velocity is therefore positive

@@ -22,6 +22,7 @@ from stiction.comparisons.timing.calibration import TIME
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL
 from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, PROVEN
 from stiction.engines import load_engine
+from stiction.reports.markdown.regression_report import changes
 from stiction.scenes import load_scene
 
 HERE, ELSEWHERE_MADE = "a processor; a library 1.0", "another processor; a library 1.0"
@@ -99,6 +100,17 @@ def test_an_extra_that_is_not_installed_is_told_and_not_counted():
         [finding] = findings([row], known, KINDS, {}, HERE)
         assert finding.severity == NOT_JUDGED and "'mujoco-core>=4.0'" in finding.reason
         assert verdict([finding], 1) == FINE
+
+
+def test_runs_of_extras_that_are_not_installed_are_counted_below_what_changed():
+    """However many variants and scenes they are: a line for each reason, and the regression stands first."""
+    reason = "No module named 'mujoco'; pip install 'mujoco-core>=4.0' brings it"
+    rows = [replace(RUN, key=f"s{scene}/mujoco, {fidelity}/dt=0.1", engine="mujoco", status="missing", reason=reason)
+            for scene in range(5) for fidelity in ("joint", "contact")]
+    text = changes(findings([*rows, changed(RUN, position_error=1.0)], baseline(RUN), KINDS, {}, HERE))
+    table, *rest = text.split("\n\n")
+    assert "mujoco" not in table and "position error" in table
+    assert rest == [f"10 runs of an engine that is not installed: {reason}."]
 
 
 def test_the_verdict_is_the_worst():

@@ -5,7 +5,8 @@ import pytest
 
 from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.measures.steady_stretch import steady_stretch
-from stiction.comparisons.studies.steady_state_measures import MEASURES, SAMPLE_STEP, Measure, SteadyRun, steady_window
+from stiction.comparisons.studies.steady_state_measures import (MEASURES, SAMPLE_STEP, Measure, SteadyRun, measure_of,
+                                                                steady_window)
 from stiction.engines import Refused
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, scene_from_dict, vary
@@ -107,6 +108,94 @@ def test_a_cycle_of_its_own_period():
     window = steady_window(scene, SteadyRun(10.0, 40.0, 1e-9), [MEASURES["stick-fraction"]])
     assert window.end - window.start == pytest.approx(stick + slip, rel=1e-6)
     assert MEASURES["stick-fraction"].value(window) == pytest.approx(stick / (stick + slip), rel=1e-6)
+
+
+def pulled(v=0.05, k=50.0, m=1.0, mu=0.4, mus=0.6, slope=0.0, **elements):
+    """A block that a hand of constant speed pulls by a spring, up a slope."""
+    way = ["cos(slope)", "sin(slope)"]
+    guide = {"type": "translational", "direction": way, "angle": "slope"}
+    return scene_from_dict({
+        "gravity": [0, -9.81], "parameters": {"v": v, "k": k, "slope": slope},
+        "bodies": {"block": {"mass": m, "inertia": 1, "angle": "slope"},
+                   "hand": {"mass": 1, "inertia": 1, "angle": "slope", "velocity": ["v*cos(slope)", "v*sin(slope)"]}},
+        "joints": {"floor": guide | {"slider": "block", "mu": mu, "mus": mus}, "track": guide | {"slider": "hand"}},
+        "drives": {"pull": {"type": "distance", "bodies": ["hand", "ground"], "axis": way,
+                            "law": {"type": "linear", "rate": "v"}}},
+        "springs": {"spring": {"type": "linear", "bodies": ["block", "hand"], "axis": [1, 0], "stiffness": "k"}}}
+        | elements, "pulled")
+
+
+@pytest.mark.parametrize(("values", "fraction", "speed"), [
+    (dict(v=0.05), 0.760349, 0.331938), (dict(v=0.2), 0.387235, 0.542036), (dict(v=0.1, slope=0.3), None, None),
+    (dict(v=0.1, slope=-2.9, k=20.0, m=0.5, mu=0.1, mus=0.7), None, None)])
+def test_a_block_and_the_hand_that_pulls_it_move_on_together(values, fraction, speed):
+    """All forces repeat, at another place each time: D = (mus - mu) N, N = m g |cos|, w = sqrt(k/m).
+
+    Stick lasts 2 D/(k v), slip (2/w) (pi - arctan(w D/(k v))). Seen from the hand the block swings about the extension
+    (mu N + m g sin)/k with the amplitude hypot(D, k v/w)/k, so that it is as fast as v + hypot(v, w D/k). The motor holds
+    mu N + (m + 1) g sin +- hypot(D, k v/w). Peaks are sampled: a sine's is missed by (w h)^2/8 of its size.
+    """
+    v, k, m, mu, mus, slope = (values.get(key, usual) for key, usual in (
+        ("v", 0.05), ("k", 50.0), ("m", 1.0), ("mu", 0.4), ("mus", 0.6), ("slope", 0.0)))
+    N, w = m * 9.81 * abs(np.cos(slope)), np.sqrt(k / m)
+    D, mean = (mus - mu) * N, mu * N + (m + 1.0) * 9.81 * np.sin(slope)
+    stick, slip = 2 * D / (k * v), 2 / w * (np.pi - np.arctan(w * D / (k * v)))
+    chosen = [measure_of(text) for text in ("stick-fraction", "peak-speed", "peak-torque", "peak-speed:block",
+                                            "peak-speed:hand", "peak-speed:track", "event-count")]
+    window = steady_window(pulled(**values), SteadyRun(40.0, 100.0), chosen)
+    found = {measure.column: measure.value(window) for measure in chosen}
+    sampling = (w * SAMPLE_STEP) ** 2 / 8
+    assert window.end - window.start == pytest.approx(stick + slip, rel=1e-5)
+    assert found["stick-fraction [-]"] == pytest.approx(stick / (stick + slip), abs=1e-5)
+    assert found["peak-speed [m/s]"] == pytest.approx(v + np.hypot(v, w * D / k), rel=2 * sampling)
+    assert found["peak-speed of block [m/s]"] == pytest.approx(found["peak-speed [m/s]"], rel=1e-9)
+    assert found["peak-speed of hand [m/s]"] == pytest.approx(v) == found["peak-speed of track [m/s]"]
+    assert found["peak-torque [N m]"] == pytest.approx(abs(mean) + np.hypot(D, k * v / w), rel=2 * sampling)
+    assert found["event-count [-]"] == 2
+    if fraction is not None:
+        assert found["stick-fraction [-]"] == pytest.approx(fraction, abs=1e-6)
+        assert v + np.hypot(v, w * D / k) == pytest.approx(speed, abs=5e-7)
+
+
+@pytest.mark.parametrize("spring", [
+    {"bodies": ["block", "ground"], "axis": [1, 0], "stiffness": 0.05},
+    {"bodies": ["hand", "ground"], "axis": [1, 0], "stiffness": 0.05},
+    {"bodies": ["block", "ground"], "points": [[0, 0], [0, 1]], "stiffness": 0.05, "rest_length": 1}])
+def test_a_motion_whose_forces_grow_is_not_steady(spring):
+    """A weak spring to the ground, next to the one of 50 N/m; also where the drive alone feels it."""
+    scene = pulled(springs={"spring": {"type": "linear", "bodies": ["block", "hand"], "axis": [1, 0], "stiffness": 50},
+                            "weak": {"type": "linear"} | spring})
+    with pytest.raises(NotSettled):
+        measured("peak-torque", scene, SteadyRun(40.0, 100.0))
+
+
+def test_a_block_that_is_shaken_while_it_is_pulled():
+    """Without dry friction: x'' + (c (x' - v) + k (x - v t))/m = F sin(W t)/m.
+
+    It moves on with v and swings by F/|k - m W^2 + i c W|.
+    """
+    v, k, c, F, W = 0.3, 50.0, 4.0, 2.0, 5.0
+    scene = pulled(v=v, mu=0.0, mus=0.0, forces={"shake": {
+        "type": "force", "body": "block", "direction": [1, 0], "law": {"type": "sine", "amplitude": F, "frequency": W}}},
+        springs={"spring": {"type": "linear", "bodies": ["block", "hand"], "axis": [1, 0], "stiffness": k, "damping": c}})
+    window = steady_window(scene, SteadyRun(20.0, 60.0), [measure_of("peak-speed")])
+    assert window.end - window.start == pytest.approx(2 * np.pi / W)
+    expected = v + W * F / abs(k - W ** 2 + 1j * c * W)
+    assert MEASURES["peak-speed"].value(window) == pytest.approx(expected, rel=2 * (W * SAMPLE_STEP) ** 2 / 8)
+
+
+def test_peaks_are_those_of_the_element_that_is_named():
+    """On the belt: its own constant speed is that of the first guide; the block's, and that of the block on the belt."""
+    scene = load_scene("mass-on-belt")
+    p = scene.parameters
+    D, w, v = (p["mus"] - p["mu"]) * p["m"] * p["g"], np.sqrt(p["k"] / p["m"]), p["v0"]
+    chosen = [measure_of(f"peak-speed{name}") for name in ("", ":track", ":slider", ":guide", ":belt")]
+    window = steady_window(scene, SteadyRun(10.0, 40.0, 1e-9), chosen)
+    back = np.hypot(v, w * D / p["k"])  # against the belt's way
+    for measure, expected, subject in zip(chosen, (v, v, back, back + v, v), (
+            "belt along track", "belt along track", "slider", "slider along guide", "belt")):
+        assert measure.value(window) == pytest.approx(expected, rel=2 * (w * SAMPLE_STEP) ** 2 / 8)
+        assert measure.subject(scene) == subject
 
 
 def test_a_block_at_terminal_speed_is_steady_and_a_stretching_spring_is_not():

@@ -9,10 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_up_runs import wrong_numbers
 
+from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.presentation.presentation import ANSWER_LENGTH
 from stiction.comparisons.results import Results
-from stiction.comparisons.studies.stick_threshold import (CHANGE, ERROR, FIRST_STEP, UNCERTAINTY, Search, around,
-                                                          measure_series, measure_threshold, present)
+from stiction.comparisons.studies.stick_threshold import (AGAIN, CHANGE, ERROR, FIRST_STEP, SCAN_END, SCAN_STEP,
+                                                          SCAN_WIDTH, SCANNED, UNCERTAINTY, Search, StickProbe, _ends,
+                                                          around, bands_above, measure_series, measure_threshold,
+                                                          present)
 from stiction.comparisons.truth import StickThreshold, stick_threshold
 from stiction.comparisons.truth.reduced import steady_state as steady_states
 from stiction.comparisons.truth.reduced.slider_bar import SliderBar
@@ -109,6 +112,79 @@ def test_a_method_is_off_only_if_its_finest_step_is_that_of_all_and_hardly_moves
                            UNCERTAINTY: 0.01 + np.nan_to_num(moved)} for variant, dt, error, moved in rows])
     said = present(Results((), {}, {"threshold": table}))
     assert words in said.answer.text and len(said.answer.text) <= ANSWER_LENGTH and not wrong_numbers(said, Results((), {}, {"threshold": table}))
+
+
+def sticks_by_the_truth(scene, F0):
+    mechanism = replace(SliderBar.from_scene(scene), F0=F0)
+    return steady_states.margin(mechanism, steady_state(mechanism)) < 0
+
+
+@pytest.mark.parametrize(("mu", "threshold", "band"), [(0.015, 3.2371867, (3.77, 4.55)), (0.01, 2.299, (4.33, 4.71))])
+def test_the_slider_sticks_again_above_its_threshold(mu, threshold, band):
+    """A second band of F0, whose ends the return map of the reduced solution confirms: inside it sticks, outside not.
+
+    Next to the lower end of the band of mu = 0.01, at 4.3 N, there is no steady state of up to 8 periods.
+    """
+    scene = vary(load_scene("slider-bar-case-1"), {"mu": mu, "mus": 0.04})
+    found = bands_above(scene, threshold)
+    [(low, high)] = found.bands
+    width = SCAN_WIDTH * threshold
+    assert (low, high) == pytest.approx(band, abs=2 * width) and f"{low:.3g} to {high:.3g} N" in found.words
+    assert found.end == pytest.approx(SCAN_END * threshold, abs=found.step)
+    inside = (low + width, 0.5 * (low + high), high)
+    outside = (0.98 * threshold + 0.1, 0.5 * (threshold + low) if mu > 0.01 else 1.1 * threshold, high + 1.1 * width, found.end)
+    assert all(sticks_by_the_truth(scene, F0) for F0 in inside)
+    assert not any(sticks_by_the_truth(scene, F0) for F0 in outside)
+
+
+@pytest.mark.parametrize(("name", "threshold"), [("slider-bar-case-1", 4.2119563), ("slider-bar-case-2", 4.2119563), ("slider-bar-case-3", None),
+                                                 ("slider-bar-case-1-mus-equals-mu", 3.8942035)])
+def test_the_paper_s_cases_have_no_other_band(name, threshold):
+    """In what is scanned: above the threshold, or of case 3, which has none, from its own F0 on."""
+    scene = load_scene(name)
+    found = bands_above(scene, threshold or scene.parameters["F0"])
+    assert found.bands == () and found.words == "" and found.unknown == ()
+
+
+@given(st.lists(st.tuples(st.floats(1.0, 2.6), st.floats(0.0, 0.5)), max_size=3), st.lists(st.floats(1.0, 2.6), max_size=4))
+def test_the_scan_finds_every_band_that_is_wider_than_its_step(bands, gaps):
+    """And only those; next to an amplitude without a steady state a band ends."""
+    bands = [(low, low + width) for low, width in bands]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(StickProbe, "__post_init__", lambda self: None)
+        def sticks(self, F0):
+            if any(abs(F0 - gap) < 1e-3 for gap in gaps):
+                raise NotSettled("here")
+            return any(low <= F0 <= high for low, high in bands)
+        patch.setattr(StickProbe, "sticks", sticks)
+        found = bands_above(None, 1.0)
+    assert all(any(low <= end <= high for low, high in bands) for one in found.bands for end in one)
+    for low, high in bands:
+        seen = np.arange(1.0 + SCAN_STEP, found.end, SCAN_STEP)
+        inside = [F0 for F0 in seen if low <= F0 <= high and not any(abs(F0 - gap) < 1e-3 for gap in gaps)]
+        assert all(any(one[0] - 1e-9 <= F0 <= one[1] + 1e-9 for one in found.bands) for F0 in inside)
+
+
+@pytest.mark.parametrize(("own", "expected"), [(3.0, (2.0, 3.0)), (2.0, (2.0, 3.0)), (4.0, (2.0, 3.0)), (6.0, (7.0, 8.0)), (8.0, (7.0, 8.0)), (None, (7.0, 8.0))])
+def test_the_band_next_to_the_own_amplitude_is_searched(own, expected):
+    """Sticking in 1..2.5 and 5.5..7.5 of 0..8: that of the amplitude itself, else the next one below."""
+    low, high = _ends(lambda F0: 1 <= F0 <= 2.5 or 5.5 <= F0 <= 7.5, Search(0.0, 8.0, 0.1, probes=9, own=own))
+    assert (low, high) == expected
+
+
+def test_a_band_above_is_taken_where_there_is_none_below():
+    assert _ends(lambda F0: 5.5 <= F0 <= 7.5, Search(0.0, 8.0, 0.1, probes=9, own=3.0)) == (7.0, 8.0)
+    assert _ends(lambda F0: False, Search(0.0, 8.0, 0.1, probes=9, own=3.0)) == (0.0, 1.0)
+
+
+def test_the_table_and_the_answer_say_where_it_sticks_again():
+    rows = [{"variant": "pymunk", "fidelity": "joint", "parameter": "dt", "step": 1e-2, "status": "ok", "mus": 0.04, "truth [N]": 3.2,
+             "truth uncertainty [N]": 1e-9, ERROR: 0.05, CHANGE: np.nan, UNCERTAINTY: 0.01, AGAIN: again, SCANNED: 8.0}
+            for again in ("at about 3.77 to 4.55 N", "")]
+    for row, words in zip(rows, ("With mus = 0.04 it sticks again at about 3.77 to 4.55 N.", "No other band is seen above, up to 8 N.")):
+        said = present(Results((), {}, {"threshold": pd.DataFrame([row])}))
+        assert words in [finding.text for finding in said.findings]
+        assert "sticks again" in [column.name for column in said.tables[0].columns]
 
 
 @given(st.floats(1.0, 2.0), st.floats(1.0, 2.0), st.floats(1e-4, 0.2))

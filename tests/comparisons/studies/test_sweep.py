@@ -217,6 +217,16 @@ def test_a_point_is_the_scene_run_alone_to_the_bit(axes, name):
         assert {key: found[key] for key in expected} == expected
 
 
+def test_thresholds_say_where_the_slider_sticks_again(tmp_path):
+    """Of mu = 0.015 and 0.01 (mus = 0.04), and not of 0.03; the command prints it."""
+    ended = sweep_command("--vary", "mu=0.01,0.015,0.03", "--measure", "threshold", "--out", str(tmp_path / "out"))
+    table = pd.read_parquet(tmp_path / "out" / "threshold.parquet")
+    bands = [[float(word) for word in words.split() if word[0].isdigit()] for words in table["sticks again"]]
+    assert bands[0] == pytest.approx([4.33, 4.71], abs=0.03) and bands[1] == pytest.approx([3.77, 4.55], abs=0.03) and bands[2] == []
+    assert np.all(table["scanned to [N]"] > 2.4 * table["threshold [N]"])
+    assert ended.count("the slider sticks again at about") == 2
+
+
 def test_threshold_that_is_not_in_the_range_is_a_row(tmp_path):
     result = swept_here(tmp_path, "F0=5:6:2", measures=["threshold"]).threshold
     assert list(result["status"]) == ["not found"] and "no stick phase at F0 = 5 N" in result["reason"][0]
@@ -236,6 +246,14 @@ def test_bad_axes(text, expected):
 def test_axes():
     assert parse_axis("motor.rate=pi/4:pi/2:3").values == (np.pi / 4, 3 * np.pi / 8, np.pi / 2)
     assert parse_axis(" F0 = 3, 2^2 ").values == (3.0, 4.0) and parse_axis("F0=6:1:2").values == (6.0, 1.0)
+    assert parse_axis("mu=0:0.3:7").values == (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3)  # none is 0.15000000000000002
+
+
+@given(st.floats(-10, 10), st.floats(-10, 10), st.integers(2, 50))
+def test_values_of_an_axis_are_equally_spaced_to_rounding(low, high, count):
+    if low != high and len(set(np.linspace(low, high, count))) == count:
+        values = np.array(parse_axis(f"F0={low!r}:{high!r}:{count}").values)
+        assert np.all(np.abs(values - np.linspace(low, high, count)) <= 2 * np.spacing(np.abs(np.linspace(low, high, count))))
 
 
 INCLINE = load_scene("block-on-incline")
@@ -244,6 +262,9 @@ INCLINE = load_scene("block-on-incline")
 @pytest.mark.parametrize("change, expected", [
     (dict(measures=[]), "measures: found none"), (dict(measures=["speed"]), "expected some of stick-fraction"),
     (dict(settle=160.0), "settle < t_end"),
+    (dict(measures=["peak-speed:wheel"]), "peak-speed: found 'wheel'; expected one of guide, bar, slider"),
+    (dict(measures=["stick-fraction:bar"]), "stick-fraction: found 'bar'; expected one of guide"),
+    (dict(measures=["event-count:guide"]), "found 'event-count:guide'"), (dict(measures=["peak-speed:"]), "found 'peak-speed:'"),
     (dict(scene=load_scene("four-bar")), "stick-fraction: found no frictional guides"),
     (dict(scene=INCLINE, measures=["peak-torque"]), "peak-torque: found no drives"),
     (dict(scene=INCLINE, measures=["threshold"]), "and a parameter F0"),

@@ -31,7 +31,7 @@ def solvers(tmp_path_factory):
 def solver(request, solvers):
     needed = {"c": "cc", "python": "python3", "octave": "octave-cli"}[request.param]
     if not shutil.which(needed):
-        pytest.skip(f"no {needed} on this machine: the example solver in {request.param} is not run")
+        pytest.skip(f"no {needed} on the path: the example solver in {request.param} is not run")
     return str(solvers / f"{request.param}.toml")
 
 

@@ -221,12 +221,16 @@ def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
 
     NO_EVENT if there is none. The step is searched in parts, from its start: one in which the bound of the module's
     docstring neither excludes a zero nor encloses one is halved, the one after it is twice as long. `State.sampled` has
-    the event functions at the nodes of a part, `State.bernstein` coefficients of one of them.
+    the event functions at the nodes of a part, `State.bernstein` coefficients of one of them. `Attempt.unresolved` tells
+    if it took more than PARTS of them.
     """
     value, low, width, parts = s.sampled, 0.0, 1.0, 0
+    s.attempt.unresolved = 0
     copy(s.at_start, value[0])
     while low < 1.0:
         parts += 1
+        if parts > PARTS:
+            s.attempt.unresolved = 1
         for i in range(1, NODES + 1):
             _evaluate(m, w, s, low + width * _X[i])
             copy(w.event, value[i])

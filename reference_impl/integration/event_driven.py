@@ -24,8 +24,8 @@ from stiction.reference_impl.friction.solver_names import AUTOMATIC, named
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.dop853 import (A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at,
                                                         dense_coefficients, error_norm)
-from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, falls_to_end, first_root,
-                                                                go_to_event, may_vanish, zero_near_end)
+from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, are_resolved, falls_to_end,
+                                                                first_root, go_to_event, may_vanish, zero_near_end)
 from stiction.reference_impl.integration.integration_state import (AT_ONCE, NO_EVENT, NOISE, State, Task,
                                                                    error_along_motion, noise, remember, state,
                                                                    take_step)
@@ -49,10 +49,10 @@ CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
 MISSES = 6
 """Times that a step is halved because its dense output did not find its event: of that error, of order 8 in the step,
 2^-48 is left."""
-SEARCHES, SHORTENED = 3, 0.125
-"""Times that a step is made shorter, and the part of it that is left, where a search does not resolve the event
-functions. One that is smooth is resolved in a five-hundredth of the step; one that jumps, or is noise near zero, in
-none."""
+REPEATS, SHORTENED = 3, 0.125
+"""Times that a step is made shorter, and the part of it that is left, where its stages do not resolve the event
+functions, and where a search does not. A smooth one is resolved in a five-hundredth of the step; one that jumps, or is
+noise near zero, in none, and is not tried again until a step has resolved all."""
 SAFETY = 0.9
 """Part of the step that its error would allow which is tried next: an estimated error is not exact."""
 MIN_FACTOR, MAX_FACTOR = 0.2, 6.0
@@ -120,9 +120,9 @@ def _refresh(m: Arrays, w: Workspace, s: State) -> None:
 
 @kernel
 def _propose(m: Arrays, s: State, task: Task) -> bool:
-    """Length of the next step: not past the end or a kink, as long as forces are resolved, to where an event is expected.
+    """Length of the next step: not past the end or a kink, nor longer than forces are resolved in (`longest_step`).
 
-    False if time cannot resolve it.
+    It ends where an event is expected. False if time cannot resolve it.
     """
     p, step, kinks = s.progress, s.attempt, task.kinks
     t = p.time
@@ -171,6 +171,13 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
         w.counters.rejected += 1
         p.step = h * max(MIN_FACTOR, SAFETY / too_long)
         return STEP_TOO_SMALL if p.step <= step.resolution else REPEAT
+    if are_resolved(s):
+        p.blurred = 0
+    elif p.blurred < REPEATS and SHORTENED * h > step.resolution:
+        w.counters.rejected += 1
+        p.blurred += 1
+        p.step = SHORTENED * h
+        return REPEAT
     step.gain, _ = gain_of_mode(m, w, s.slip)
     step.critical, step.lost = max(step.gain, p.gain) > NEARLY_SEVERAL, 0
     growth = min(MAX_FACTOR, SAFETY * error ** (-1.0 / ORDER)) if error > 0.0 else MAX_FACTOR
@@ -226,7 +233,7 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
         step.fraction, step.event, slope = first_root(m, w, s)
         if step.unresolved == 0:
             p.searched = 0
-        elif p.searched < SEARCHES:
+        elif p.searched < REPEATS:
             # too long for these functions; those that no step resolves are judged by their values at the nodes
             p.step = SHORTENED * h
             p.searched += 1

@@ -52,6 +52,7 @@ class Progress(Record):
     aimed: int  # its event function
     missed: int  # times that the present step was shortened for an event
     searched: int  # times that it was since a search last resolved the event functions
+    blurred: int  # times that it was since the stages of a step last did
     next_output: int  # place in the output times
     next_kink: int  # place in the times at which a law is not smooth
     idle: int  # events that no time passed between

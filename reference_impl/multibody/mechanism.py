@@ -79,9 +79,9 @@ class Arrays(Bundle):
     spring: Annotated[np.ndarray, SPRING, 1]
     load: Annotated[np.ndarray, LOAD, 1]  # a torque has the direction (0, 0)
     turning: Integers
-    """Bodies whose angle enters forces: one that guides a slider or carries the axis of a spring or a drive, or at whose
-    centre of mass a joint, a spring, a drive or a load does not act. As `line` for mechanisms with friction only: it
-    bounds the steps between events (`step_limits`)."""
+    """Bodies whose angle enters forces: one that guides a slider, carries the axis of a spring or a drive, or has a
+    joint, a spring, a drive or a load that acts beside its centre of mass. As `line`, it bounds steps (`step_limits`),
+    and is for mechanisms with friction only."""
     line: Annotated[np.ndarray, LINE, 1]  # springs of points with rest length or damping, and drives of a distance
     law: Annotated[np.ndarray, LAW, 1]
     knots: Table  # (n, 3): time, value, second derivative

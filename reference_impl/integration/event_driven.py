@@ -25,8 +25,8 @@ from stiction.reference_impl.friction.solver_names import AUTOMATIC, named
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.dop853 import (A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at,
                                                         dense_coefficients, error_norm)
-from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, falls_to_end, first_root,
-                                                                go_to_event, may_vanish, zero_near_end)
+from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, are_resolved, falls_to_end,
+                                                                first_root, go_to_event, may_vanish, zero_near_end)
 from stiction.reference_impl.integration.integration_state import (AT_ONCE, NO_EVENT, NOISE, State, Task,
                                                                    error_along_motion, noise, remember, state,
                                                                    take_step)
@@ -35,6 +35,7 @@ from stiction.reference_impl.integration.result import EventLog, Run, Samples, b
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, end_at_several
 from stiction.reference_impl.integration.step_audit import audit
+from stiction.reference_impl.integration.step_limits import TOLERATED, excess, longest_step
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
@@ -49,9 +50,23 @@ CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
 MISSES = 6
 """Times that a step is halved because its dense output did not find its event: of that error, of order 8 in the step,
 2^-48 is left."""
-LONGEST_STEP = np.pi
-"""Phase in which a sine law may advance within a step. Of a mechanism at rest the motion does not tell how fast its
-loads change."""
+REPEATS, SHORTENED = 3, 0.125
+"""Times that a step is made shorter, and the part of it that is left, where its stages do not resolve the event
+functions, and where a search does not. A smooth one is resolved in a five-hundredth of the step; one that jumps, or is
+noise near zero, in none, and is not tried again until a step has resolved all."""
+SAFETY = 0.9
+"""Part of the step that its error would allow which is tried next: an estimated error is not exact."""
+MIN_FACTOR, MAX_FACTOR = 0.2, 6.0
+"""Limits of the ratio of a step to the one before, as Hairer, Norsett & Wanner have them for DOP853: far from the last
+step an estimate of its error does not hold."""
+ORDER = 8
+"""Order of the error estimate in the step, of which the root is taken."""
+WITHOUT_END = 0.1
+"""Part of a step to which it is shortened where its error is not finite."""
+SLIVER = 0.01
+"""Part of a step by which it is prolonged rather than that a step so short follows before the end or a kink."""
+RESOLVED = 4e-16
+"""Distance of times that can be told from each other, relative to the largest: two roundings of double precision."""
 LEAST_BY_BODY = 1e-10
 """Tolerance from which on the error of a mechanism without friction is estimated body by body. Below, steps are short
 enough to make no difference, and near a singular position rounding of one body would be taken for an error."""
@@ -75,7 +90,7 @@ def integrate(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, l
             return DONE
         if w.counters.steps >= task.step_limit:
             return STEP_LIMIT
-        if not _propose(s, task):
+        if not _propose(m, s, task):
             return STEP_TOO_SMALL
         outcome = _attempt(m, w, s, task)
         if outcome == REPEAT or outcome == DONE and not _locate(m, w, s, samples):
@@ -105,10 +120,10 @@ def _refresh(m: Arrays, w: Workspace, s: State) -> None:
 
 
 @kernel
-def _propose(s: State, task: Task) -> bool:
-    """Length of the next step: not past the end or a kink, and to where an event is expected.
+def _propose(m: Arrays, s: State, task: Task) -> bool:
+    """Length of the next step: not past the end or a kink, nor longer than forces are resolved in (`longest_step`).
 
-    False if time cannot resolve it.
+    It ends where an event is expected. False if time cannot resolve it.
     """
     p, step, kinks = s.progress, s.attempt, task.kinks
     t = p.time
@@ -117,11 +132,12 @@ def _propose(s: State, task: Task) -> bool:
     stop = task.t_end
     if p.next_kink < len(kinks):
         stop = min(stop, kinks[p.next_kink])
-    h = min(p.step, task.longest, stop - t)
-    if stop - t - h < 0.01 * h and stop - t <= task.longest:
+    longest = longest_step(m, s, task.frequency)
+    h = min(p.step, longest, stop - t)
+    if stop - t - h < SLIVER * h and stop - t <= longest:
         h = stop - t
     step.stop, step.reaches_stop, step.aims = stop, h == stop - t, 0
-    step.resolution = 4e-16 * max(abs(t), abs(task.t_end))
+    step.resolution = RESOLVED * max(abs(t), abs(task.t_end))
     if step.resolution < p.aim < h:
         h, step.reaches_stop, step.aims = p.aim, 0, 1
     p.aim = np.inf
@@ -146,13 +162,26 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
         if not np.isfinite(error):
             if h < 1e-10 * task.t_end:
                 return NOT_FINITE
-            p.step = 0.1 * h
+            p.step = WITHOUT_END * h
         else:
-            p.step = h * max(0.2, 0.9 * error ** -0.125)
+            p.step = h * max(MIN_FACTOR, SAFETY * error ** (-1.0 / ORDER))
         return STEP_TOO_SMALL if p.step <= step.resolution else REPEAT
+    too_long = excess(m, s, task.frequency)
+    if too_long > TOLERATED:
+        # what turns or passes in it became faster than at its start: forces may have changed unseen
+        w.counters.rejected += 1
+        p.step = h * max(MIN_FACTOR, SAFETY / too_long)
+        return STEP_TOO_SMALL if p.step <= step.resolution else REPEAT
+    if are_resolved(s):
+        p.blurred = 0
+    elif p.blurred < REPEATS and SHORTENED * h > step.resolution:
+        w.counters.rejected += 1
+        p.blurred += 1
+        p.step = SHORTENED * h
+        return REPEAT
     step.gain, _ = gain_of_mode(m, w, s.slip)
     step.critical, step.lost = max(step.gain, p.gain) > NEARLY_SEVERAL, 0
-    growth = min(6.0, 0.9 * error ** -0.125) if error > 0.0 else 6.0
+    growth = min(MAX_FACTOR, SAFETY * error ** (-1.0 / ORDER)) if error > 0.0 else MAX_FACTOR
     step.proposal = max(p.step, h * growth) if step.reaches_stop or step.aims else h * growth
     return DONE
 
@@ -203,6 +232,14 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
         dense_coefficients(s.K, h, s.y, s.y_new, s.F)
     if suspicious:
         step.fraction, step.event, slope = first_root(m, w, s)
+        if step.unresolved == 0:
+            p.searched = 0
+        elif p.searched < REPEATS:
+            # too long for these functions; those that no step resolves are judged by their values at the nodes
+            p.step = SHORTENED * h
+            p.searched += 1
+            w.counters.rejected += 1
+            return False
     step.length, met = h, True
     at_once = (step.event != NO_EVENT and step.fraction < BESIDE
                and s.at_start[step.event] <= AT_ONCE * noise(s, step.event))
@@ -356,11 +393,10 @@ class Integration:
         self._workspace, self._state = workspace(m, options.solver), state(q, v, frictional)
         fastest = mechanism.fastest_law() if frictional else 0.0
         self._task = Task(t_end=t_end, rtol=rtol, first_step=FIRST_STEP * t_end,
-                          longest=LONGEST_STEP / fastest if fastest > 0.0 else np.inf, audits=options.audits,
-                          projecting=int(mechanism.projection), step_limit=options.step_limit,
-                          kinks=mechanism.kinks(t_end))
+                          frequency=fastest, audits=options.audits, projecting=int(mechanism.projection),
+                          step_limit=options.step_limit, kinks=mechanism.kinks(t_end))
         self._state.progress["step"] = self._task.first_step
-        self._state.attempt["h"] = min(self._task.first_step, self._task.longest)
+        self._state.attempt["h"] = min(self._task.first_step, longest_step(m, self._state, fastest))
         self._code = begin(m, self._workspace, self._state, mechanism.largest_load()) if frictional else DONE
         self._setup_s = clock() - started
 

@@ -15,13 +15,15 @@ Hence g > 0 wherever
 
 A step passes only if this holds on each interval of a division of it. n is 4 for the whole step, and 8 for the parts of
 a searched one. That is divided until the bound holds, until a zero is enclosed, or until tau is below rounding. One
-exception: a function may be unresolved in a FINEST part, or after PARTS parts, as one that jumps or is noise near zero.
-It is judged by its values at the nodes. tau is an estimate, not a proof: from values of g that p does not use, or from
-the last two of its Chebyshev coefficients. It is right where g is resolved by the points, that is where its higher
-derivatives do not change faster than those that are seen. For the motion the control of errors sees to that; for loads
-that act on a mechanism at rest, whose motion tells nothing, no step is longer than half a period of the fastest one
-(`event_driven.LONGEST_STEP`). The first zero of g below minus its rounding (`step.noise`) is then found to the accuracy
-of the dense output.
+exception: a function may be unresolved in a FINEST part, or after PARTS parts of steps that were shortened for it, as
+one that jumps or is noise near zero. It is judged by its values at the nodes. tau is an estimate, not a proof: from
+values of g that p does not use, or from the last two of its Chebyshev coefficients. It is right where g is resolved by
+the points, that is where its higher derivatives do not change faster than those that are seen: of sinusoids, where the
+phase advances by less than 4.5 pi from the first point to the last. For what follows from the motion the control of
+errors sees to that. For loads, for what turns, and for what passes a point evenly the motion tells nothing:
+`step_limits` bounds the step, and says what it leaves out. A step whose stages disagree with the polynomial by more
+than half of what g varies by is made shorter (`are_resolved`), and so is one for whose search PARTS parts are not
+enough. The first zero of g below minus its rounding (`step.noise`) is then found to the accuracy of the dense output.
 """
 
 from __future__ import annotations
@@ -84,6 +86,13 @@ would do for a constant g^(5)."""
 SAFETY_AT_ZERO = 120.0
 """SAFETY of a polynomial divided by the distance to one end of the step, where g is zero: |w/x| is 0.11 at most, 26
 times |w| at the last of the CHECKS."""
+
+BLURRED = 0.5
+"""Distance at the CHECKS from the polynomial, in parts of the variation of an event function among the stages, from
+which on the stages do not see how it changes. No sinusoid whose phase advances by less than 2.5 pi in the step is taken
+for one, nearly all beyond 4 pi are, and no scene of the catalogue has such a step at tolerances of 1e-6 to 1e-12."""
+APPARENT = 1e4
+"""Times its rounding from which on an event function varies."""
 
 _X = 0.5 - 0.5 * np.cos(np.pi * np.arange(NODES + 1) / NODES)
 _X[0], _X[-1] = 0.0, 1.0
@@ -200,6 +209,28 @@ def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: f
 
 
 @kernel
+def are_resolved(s):
+    """Return True where the stages of the step see how the event functions change: none is BLURRED.
+
+    This is to the forces what the estimate of its error is to the motion.
+    """
+    for e in range(len(s.at_start)):
+        low, high, wrong = s.at_start[e], s.at_start[e], 0.0
+        for i in range(STAGES):
+            low, high = min(low, s.seen[i, e]), max(high, s.seen[i, e])
+        if not high - low > APPARENT * noise(s, e):
+            continue
+        for k in range(len(CHECKS)):
+            value, predicted = s.seen[CHECKS[k] - 1, e], 0.0
+            for j in range(len(AIMS)):
+                predicted += _STAGES_TO_CHECKS[k, j] * (s.at_start[e] if j == 0 else s.seen[AIMS[j] - 1, e])
+            wrong = max(wrong, abs(value - predicted))
+        if wrong > BLURRED * (high - low):
+            return False
+    return True
+
+
+@kernel
 def _alone(w, s, own):
     """Return True where no other event function than its own is negative."""
     for e in range(len(w.event)):
@@ -221,12 +252,16 @@ def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
 
     NO_EVENT if there is none. The step is searched in parts, from its start: one in which the bound of the module's
     docstring neither excludes a zero nor encloses one is halved, the one after it is twice as long. `State.sampled` has
-    the event functions at the nodes of a part, `State.bernstein` coefficients of one of them.
+    the event functions at the nodes of a part, `State.bernstein` coefficients of one of them; `Attempt.unresolved`
+    tells if it took more than PARTS of them.
     """
     value, low, width, parts = s.sampled, 0.0, 1.0, 0
+    s.attempt.unresolved = 0
     copy(s.at_start, value[0])
     while low < 1.0:
         parts += 1
+        if parts > PARTS:
+            s.attempt.unresolved = 1
         for i in range(1, NODES + 1):
             _evaluate(m, w, s, low + width * _X[i])
             copy(w.event, value[i])

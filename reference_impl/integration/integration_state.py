@@ -32,7 +32,7 @@ class Task(Bundle):
     t_end: float
     rtol: float
     first_step: float  # the length that it tries
-    longest: float  # what a step may have; see `event_driven.LONGEST_STEP`
+    frequency: float  # of the fastest sine law, rad/s; it bounds the steps of `step_limits`
     audits: int  # instants of each step at which its law is verified
     projecting: int  # 1: states are projected onto the constraints after each step
     step_limit: int  # accepted steps after which it is given up
@@ -51,6 +51,8 @@ class Progress(Record):
     aim: float  # time to where an event is expected; inf if none is
     aimed: int  # its event function
     missed: int  # times that the present step was shortened for an event
+    searched: int  # times that it was since a search last resolved the event functions
+    blurred: int  # times that it was since the stages of a step last did
     next_output: int  # place in the output times
     next_kink: int  # place in the times at which a law is not smooth
     idle: int  # events that no time passed between
@@ -76,6 +78,7 @@ class Attempt(Record):
     shorter: int  # it is shorter than attempted
     critical: int  # the gain is critical
     lost: int  # the motion is lost in it
+    unresolved: int  # a search did not resolve the event functions
 
 
 class State(Bundle):

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import dist, hypot
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -54,6 +54,9 @@ forces that have one sign each (2, or 1 without length), `pair`, the first of th
 one of `guide_freedom.GuideFreedom`."""
 SPRING = _record("kind a b", "ax ay bx by ux uy stiffness damping rest")
 LOAD = _record("body law", "px py ux uy")
+LINE = _record("a b flips", "ax ay bx by")
+"""Points of two bodies along whose line a force acts; `flips`, 1 where the points may pass each other and the force has
+the other direction behind."""
 CELL = _record("first end band first_entry end_entry first_block end_block", "")
 """Places of a cell's rows in `order` (the first and the one behind the last), half the bandwidth, places of its entries
 of G and of its blocks."""
@@ -77,6 +80,11 @@ class Arrays(Bundle):
     friction: Annotated[np.ndarray, FRICTION, 1]  # one per frictional guide
     spring: Annotated[np.ndarray, SPRING, 1]
     load: Annotated[np.ndarray, LOAD, 1]  # a torque has the direction (0, 0)
+    turning: Integers
+    """Bodies whose angle enters forces: one that guides a slider, carries the axis of a spring or a drive, or has a
+    joint, a spring, a drive or a load that acts beside its centre of mass. As `line`, it bounds steps (`step_limits`),
+    and is for mechanisms with friction only."""
+    line: Annotated[np.ndarray, LINE, 1]  # springs of points with rest length or damping, and drives of a distance
     law: Annotated[np.ndarray, LAW, 1]
     knots: Table  # (n, 3): time, value, second derivative
     block: Annotated[np.ndarray, np.uint64, 2]
@@ -167,8 +175,8 @@ class Mechanism:
         if len(self.row_names) > MOST_ROWS:
             raise SceneError(scene._origin, [Problem("joints, drives", f"{len(self.row_names)} constraint equations",
                                                      f"expected at most {MOST_ROWS} in one part of a scene")])
-        whole = Arrays(separate=(), **coefficients(alpha, beta), **self._masses(), **self._constraints(),
-                       **self._springs(), **self._loads())
+        parts = {**self._masses(), **self._constraints(), **self._springs(), **self._loads()}
+        whole = Arrays(separate=(), **coefficients(alpha, beta), **parts, **_what_turns(parts))
         separate = _separate(whole)
         self.arrays = whole.replaced(separate=separate) if separate else whole
 
@@ -298,6 +306,32 @@ class Mechanism:
         lengths += [x for guide in scene.guides.values() for x in (guide.length or 0.0, guide.width or 0.0)]
         lengths += [abs(x) for body in scene.bodies.values() for x in body.position]
         return max(lengths, default=0.0) or 1.0
+
+
+def _what_turns(m: dict[str, Any]) -> dict[str, np.ndarray]:
+    """`Arrays.turning` and `Arrays.line` of the other arrays, of which `m` are the fields."""
+    if not len(m["friction"]):
+        return {"turning": np.zeros(0, dtype=np.int64), "line": np.zeros(0, dtype=LINE)}
+    bodies: set[int] = set()
+    lines: list[tuple[float, ...]] = []
+    for element in [*m["constraint"], *m["spring"]]:
+        kind, a, b = int(element["kind"]), int(element["a"]), int(element["b"])
+        if kind == ANGLE:
+            continue  # two angles, whose difference is the same for all directions
+        points = [float(element[name]) for name in ("ax", "ay", "bx", "by")]
+        if any(points[:2]):
+            bodies.add(a)
+        if any(points[2:]) or kind in (TRANSLATIONAL, AXIS):
+            bodies.add(b)  # the axis, or the line of the guide, is fixed in b
+        if kind == DISTANCE:
+            is_spring = element.dtype == SPRING
+            rest, damping = (float(element[name]) if is_spring else 0.0 for name in ("rest", "damping"))
+            if not is_spring or rest or damping:
+                lines.append((a, b, 1 if rest else 0, *points))
+    for load in m["load"]:
+        if load["px"] or load["py"]:
+            bodies.add(int(load["body"]))
+    return {"turning": np.array(sorted(bodies - {-1}), dtype=np.int64), "line": np.array(lines, dtype=LINE)}
 
 
 def _row_names(scene: Scene) -> list[str]:

@@ -45,7 +45,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
     from stiction.reference_impl.friction import (contact_solvers, frozen_mode, guides_at_rest, hlcp, lemke,
                                                   mode_choice, uniqueness)
     from stiction.reference_impl.integration import (event_driven, event_location, integration_state, mode_switch,
-                                                     right_hand_side, step_audit)
+                                                     right_hand_side, step_audit, step_limits)
     from stiction.reference_impl.multibody import banded_systems, dynamics, kinematics, projection, trajectory_columns
 
     always = (event_driven._locate, event_driven._attempt, dynamics.row_form, right_hand_side.right_hand_side,
@@ -62,7 +62,8 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
             uniqueness.friction_gain, guides_at_rest._rest_together, dynamics.unit_rows, banded_systems.open_cell,
             mode_switch._break_away, guides_at_rest.leave_together, mode_switch._count_other_modes,
             mode_choice.other_modes, mode_choice._other_modes, linear_algebra.eliminate_columns, lemke.lemke,
-            hlcp._units, hlcp._scale, hlcp._rescale, hlcp._violation, *rest, mode_choice.choose_mode,
+            hlcp._units, hlcp._scale, hlcp._rescale, hlcp._violation, *rest, step_limits.longest_step,
+            step_limits.excess, mode_choice.choose_mode,
             trajectory_columns.imbalance)
 
 

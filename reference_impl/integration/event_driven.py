@@ -132,7 +132,7 @@ def _propose(m: Arrays, s: State, task: Task) -> bool:
     stop = task.t_end
     if p.next_kink < len(kinks):
         stop = min(stop, kinks[p.next_kink])
-    longest = longest_step(m, s, task.frequency)
+    longest = longest_step(m, s, task.frequency) if len(m.friction) > 0 else np.inf
     h = min(p.step, longest, stop - t)
     if stop - t - h < SLIVER * h and stop - t <= longest:
         h = stop - t
@@ -166,7 +166,7 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
         else:
             p.step = h * max(MIN_FACTOR, SAFETY * error ** (-1.0 / ORDER))
         return STEP_TOO_SMALL if p.step <= step.resolution else REPEAT
-    too_long = excess(m, s, task.frequency)
+    too_long = excess(m, s, task.frequency) if len(m.friction) > 0 else 0.0
     if too_long > TOLERATED:
         # what turns or passes in it became faster than at its start: forces may have changed unseen
         w.counters.rejected += 1
@@ -396,7 +396,8 @@ class Integration:
                           frequency=fastest, audits=options.audits, projecting=int(mechanism.projection),
                           step_limit=options.step_limit, kinks=mechanism.kinks(t_end))
         self._state.progress["step"] = self._task.first_step
-        self._state.attempt["h"] = min(self._task.first_step, longest_step(m, self._state, fastest))
+        longest = longest_step(m, self._state, fastest) if frictional else np.inf
+        self._state.attempt["h"] = min(self._task.first_step, longest)
         self._code = begin(m, self._workspace, self._state, mechanism.largest_load()) if frictional else DONE
         self._setup_s = clock() - started
 

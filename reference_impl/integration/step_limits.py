@@ -66,12 +66,10 @@ the limits have a margin of three."""
 
 @kernel
 def longest_step(m: Arrays, s: State, frequency: float) -> float:
-    """Length of the longest step from the state, s, by rates and accelerations there; infinite without friction.
+    """Length of the longest step from the state of a mechanism with friction, s, by rates and accelerations there.
 
     frequency : of the fastest sine law, rad/s.
     """
-    if len(m.friction) == 0:
-        return np.inf
     n, y, dy = len(m.inverse_mass), s.y, s.K[0]
     turning, faster = 0.0, 0.0
     for i in range(len(m.turning)):
@@ -93,8 +91,6 @@ def excess(m: Arrays, s: State, frequency: float) -> float:
 
     Angular velocities are those of the stages; points are looked at where the step ends.
     """
-    if len(m.friction) == 0:
-        return 0.0
     n, h, turning, largest = len(m.inverse_mass), s.attempt.h, 0.0, 0.0
     for i in range(len(m.turning)):
         angle = 3 * m.turning[i] + 2

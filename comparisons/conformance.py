@@ -75,7 +75,10 @@ def _attempt(name: str, scene: Scene) -> Trial:
     try:
         run = engine.simulate(scene, **arguments)
     except BadTrajectory as error:  # what no comparison takes says most about mistakes
-        run, against = engine.run(scene, t_end=scene.t_end, settings={}, **arguments), [str(error)]
+        settings = engine.settings_of_run({}, fidelity=fidelity, dt=arguments["dt"],
+                                          rtol=arguments["rtol"])
+        run = engine.run(scene, t_end=scene.t_end, settings=settings, **arguments)
+        against = [str(error)]
         if not isinstance(run, Trajectory):
             raise
     found = judge(scene, run)

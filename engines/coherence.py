@@ -154,7 +154,9 @@ def balance(run: Examined) -> Iterator[str]:
                   for name in needed}
         t = np.concatenate([found.t.astype(float), [time for _, time, _ in sides]])
         q, v, a = (np.ascontiguousarray(stacked(joined, part.body_names, labels)) for labels in BODY_COLUMNS)
-        force = np.ascontiguousarray(np.stack([joined[name] for name in rows], axis=1))
+        force = np.empty((len(t), len(rows)))  # a free body has no rows
+        for column, name in enumerate(rows):
+            force[:, column] = joined[name]
         left, size = imbalance(part.arrays, workspace(part.arrays), t, q, v, a, force)
         largest = np.max(size[np.isfinite(size)], initial=0.0)
         if (i := first(left > BALANCE * largest)) is not None:

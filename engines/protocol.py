@@ -190,6 +190,14 @@ class Engine(ABC):
             raise InputError(f"dt: found {dt!r}; {self.name} has a tolerance, expected rtol")
         check_settings(settings, self.default_settings(fidelity), self.name, fidelity)
 
+    def settings_of_run(self, given: Mapping[str, Any], *, fidelity: str, dt: float | None,
+                        rtol: float | None) -> dict[str, Any]:
+        """Return the settings that `run` gets: those given, and the defaults of all others.
+
+        An engine whose methods have other settings, or other defaults, overrides it.
+        """
+        return {**self.default_settings(fidelity), **given}
+
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         """Return True where runs with these settings of a trajectory report an event at each change of a guide's mode.
 
@@ -233,7 +241,11 @@ class Engine(ABC):
     @abstractmethod
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        """Simulate a scene that was not refused. The columns that the trajectory must have: `gate.required_columns`."""
+        """Simulate a scene that was not refused.
+
+        The settings are all of `settings_of_run`, defaults among them. The columns that the
+        trajectory must have: `gate.required_columns`.
+        """
 
     def simulate(self, scene: Scene, *, t_end: float | None = None, dt: float | None = None,
                  rtol: float | None = None, fidelity: str = "joint", output_step: float = 0.01,
@@ -291,8 +303,9 @@ class Engine(ABC):
             raise Refused(reason)
         output_step = min(output_step, t_end)  # the end is an output instant whatever was asked for
         started = time.process_time()
-        found = self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step,
-                         settings=settings)
+        complete = self.settings_of_run(settings, fidelity=fidelity, dt=dt, rtol=rtol)
+        found = self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity,
+                         output_step=output_step, settings=complete)
         spent = time.process_time() - started
         examined = Examined(found, scene, t_end, dt, output_step, fidelity,
                             partial(self.locates_events, fidelity), partial(self.keeps_cone, fidelity))

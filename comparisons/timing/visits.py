@@ -95,6 +95,7 @@ def bare_run(engine: Engine, scene: Scene, arguments: Mapping[str, Any]) -> Call
     settings.pop("output_step", None)
     options = {name: settings.pop(name, None) for name in ("dt", "rtol")}
     fidelity = settings.pop("fidelity", "joint")
+    settings = engine.settings_of_run(settings, fidelity=fidelity, **options)
     return lambda: engine.run(scene, t_end=t_end, fidelity=fidelity, output_step=t_end, settings=settings, **options)
 
 

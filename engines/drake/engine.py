@@ -34,6 +34,7 @@ from stiction.engines.shared.joint_coordinates import ContactStepper, TreeSteppe
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes.fields import GROUND
 
 _SETTINGS: Mapping[str, Defaults] = {
     "joint": {"passes": 2},
@@ -81,6 +82,15 @@ class DrakeEngine(TreeEngine):
             return reason
         if fidelity == "contact" and len(scene.guides) > _MOST_GUIDES:
             return f"{len(scene.guides)} guides; with the surfaces of more than {_MOST_GUIDES} Drake ends the process"
+        return None
+
+    def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
+        # Drake 1.51 ends the process in the first step of a ball constraint one of whose bodies is
+        # the world
+        for name in tree.loops:
+            if GROUND in scene.joints[name].bodies:
+                return (f"joints.{name}: closes a loop with the ground; Drake ends the process "
+                        "with such a constraint")
         return None
 
     def run(self, scene: Scene, **asked: Any) -> Trajectory:

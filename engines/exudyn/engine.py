@@ -89,6 +89,11 @@ class ExudynEngine(Engine):
     def check_arguments(self, *, settings: Mapping[str, Any], **asked: Any) -> None:
         super().check_arguments(settings={} if "method" in settings else settings, **asked)  # each method has its own
 
+    def settings_of_run(self, given: Mapping[str, Any], *, fidelity: str,
+                        **_: Any) -> dict[str, Any]:
+        own = given.get("method") == BRISTLES and fidelity == "joint"
+        return settings_of(given, _SETTINGS[BRISTLES if own else fidelity], self.name, fidelity)
+
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return settings.get("method") == LOCATED
 
@@ -114,8 +119,8 @@ class ExudynEngine(Engine):
     def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
             output_step: float, settings: Mapping[str, Any]) -> Trajectory:
         h = step_of(_step(t_end) if dt is None else dt, t_end)
-        own = settings.get("method") == BRISTLES and fidelity == "joint"
-        options = settings_of(settings, _SETTINGS[BRISTLES if own else fidelity], self.name, fidelity)
+        options = self.settings_of_run(settings, fidelity=fidelity)
+        own = options.get("method") == BRISTLES
         if options["spectral_radius"] > 1:
             raise InputError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
         start = time.process_time()

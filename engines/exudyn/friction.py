@@ -126,7 +126,7 @@ class FrictionalGuide(SlidingGuide):
         return abs(friction - before)
 
     def renew(self, multipliers: np.ndarray) -> float:
-        """Loads from multipliers; returns the change of friction relative to the normal load."""
+        """Loads from multipliers; returns the change of friction (N), and sets `load`."""
         R = self.measure_load(multipliers)
         if self.mode:
             friction = -self.coefficient * self.mode * self.load
@@ -136,8 +136,8 @@ class FrictionalGuide(SlidingGuide):
         self.friction, bound = friction, self.mus * self.load
         # a slider that is held by more is let go; until then its surfaces have what they can hold: with more, friction
         # and load need not settle
-        change = max(change, self.lever * self.apply_surface_moment(min(max(friction, -bound), bound), R))
-        return change / self.load if change else 0.0
+        change_of_moment = self.apply_surface_moment(min(max(friction, -bound), bound), R)
+        return max(change, self.lever * change_of_moment)
 
     def margin(self, q: np.ndarray, v: np.ndarray) -> float:
         """Distance of the mode from its end: speed in its direction (m/s), or friction left (N); negative beyond."""

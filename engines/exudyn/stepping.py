@@ -21,13 +21,17 @@ from stiction.engines.exudyn.friction import REST_SPEED, FrictionalGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.solver import Solver
 from stiction.engines.protocol import Declined, EngineFailure, Unsettled
+from stiction.reference_impl.multibody.mechanism import Mechanism
 
 FRICTION_TOLERANCE = 1e-8
-"""Relative to the load N: largest change of friction in the last repetition; the error is smaller by the rate."""
+"""Relative to the load N: largest change of friction in the last repetition; the error is smaller
+by the rate. Where the load passes through zero rounding is larger, and decides."""
 FRICTION_REPETITIONS = 50
 SHORTEST_STEP = 0.01
 """Part of dt: a remainder up to the grid that is shorter joins the next step. Index 3 divides rounding by the square of
 the step, so that much shorter ones would spoil the multipliers."""
+AHEAD = 1e-4
+"""Part of a step after which a margin that begins at zero is looked at: does it rise or fall?"""
 ROUNDING = 1e-12
 """Margin below zero that is rounding, m/s or N."""
 TRANSIENT = 6
@@ -81,6 +85,10 @@ class Stepper:
         self.samples: list[Sample] = []
         self._watching = self._violated = False
         self._repetitions = 0
+        # index 3 gets forces from positions, whose rounding it divides by the square of the step
+        size = Mechanism(model.scene, stabilization="none").arrays.length_scale
+        mass = sum(body.mass for body in model.scene.bodies.values())
+        self._rounding = float(np.finfo(float).eps) * mass * size / dt ** 2
         for each in (*guides, *bristles):
             each.bind(model)
         self.solver = Solver(model, settings)
@@ -203,11 +211,17 @@ class Stepper:
             raise EngineFailure(self.solver.failure(f"no convergence at t = {t:g} s"))
         return done
 
+    def _settled(self, multipliers: np.ndarray) -> bool:
+        """Renew the frictions; True where they stay."""
+        changes = [(guide.renew(multipliers), guide.load) for guide in self.guides]
+        return all(change <= max(FRICTION_TOLERANCE * load, self._rounding)
+                   for change, load in changes)
+
     def _judge(self) -> list[float]:
         """Renew the friction after a Newton solution; repeat the step, accept it, or end where a mode is violated."""
         multipliers = self.solver.multipliers
         self._repetitions += 1
-        if max([guide.renew(multipliers) for guide in self.guides]) > FRICTION_TOLERANCE:
+        if not self._settled(multipliers):
             return REPEAT_STEP
         self._repetitions = 0
         if self._watching:
@@ -219,23 +233,36 @@ class Stepper:
 
     def _locate(self, t: float, q: np.ndarray, v: np.ndarray, step: float) -> None:
         """Find the first end of a mode in a step from (t, q, v) and switch there; if there is none after all, step."""
+        shortest = SHORTEST_STEP * step
 
         def margins(h: float) -> list[float]:
-            self._start(t, q, v)
-            if h > 0.0:
+            a, _ = self._start(t, q, v)
+            state = q, v
+            if h >= shortest:
                 self._steps(t, t + h, 1)
-            state = self.solver.q, self.solver.v
-            if h > 0.0 and sticking:
+                state = self.solver.q, self.solver.v
+            elif h > 0.0:
+                # Exudyn makes no steps of nothing; over these the next terms of the series are
+                # below rounding
+                state = q + h * v + 0.5 * h * h * a, v + h * a
+            if h > 0.0 and (sticking or h < shortest):
                 # of the state: multipliers of a first step are off by O(h); speeds are those that it is started with
                 state = state[0], self._on_velocity_constraints(t + h, *state)
                 self._start(t + h, *state)
             return [guide.margin(*state) for guide in self.guides]
 
         sticking = any(guide.mode == 0 for guide in self.guides)
-        lower = 0.0
-        if min(margins(0.0)) <= 0.0:  # a mode that has just begun: its margin rises first
+        lower, at_start = 0.0, np.array(margins(0.0))
+        if (over := at_start <= 0.0).any():
+            # of modes that have just begun margins rise first; others end at the very beginning of
+            # the step
+            ended = over & (np.array(margins(AHEAD * step)) <= at_start)
+            if ended.any():
+                margins(0.0)
+                self._switch(self.guides[int(np.argmin(np.where(ended, at_start, np.inf)))])
+                return
             lower = step
-            while min(margins(lower)) <= 0.0 and lower > SHORTEST_STEP * step:
+            while min(margins(lower)) <= 0.0 and lower > shortest:
                 lower *= 0.5
         if min(margins(step)) >= 0.0:
             return
@@ -300,7 +327,7 @@ class Stepper:
         self.solver.set_state(t, q, v)
         for _ in range(FRICTION_REPETITIONS):
             a, multipliers = self.solver.initial_accelerations(t)
-            if max((guide.renew(multipliers) for guide in self.guides), default=0.0) <= FRICTION_TOLERANCE:
+            if self._settled(multipliers):
                 self.solver.keep_accelerations(a)
                 return a, multipliers
         raise Unsettled(f"friction and reactions do not settle at t = {t:g} s: no solution, or several", t)

@@ -1,17 +1,26 @@
 """pymunk (Chipmunk2D): impulses on velocities, symplectic Euler, projected Gauss-Seidel.
 
-A step from t to t + h moves first and forces then:  q(t+h) = q(t) + h v(t),  v(t+h) = v(t) + h a,  where a balances
-loads and reactions at q(t+h), t + h. So loads are evaluated there, and a sample at t holds the acceleration of the step
-that ended at t; that at 0 holds the first one's. Velocities that lead q(t+h) back onto the constraints are those of t +
-h/2, not of t: runs with friction start from such ones, see `between_steps`. Without friction the first step makes them
-of the consistent start, and its acceleration is not the motion's: the samples at 0 and h hold that of the second.
+A step from t to t + h moves first and forces then:  q(t+h) = q(t) + h v(t),  v(t+h) = v(t) + h a,
+where a balances loads and reactions at q(t+h), t + h. So loads are evaluated there, and a sample
+at t holds the acceleration of the step that ended at t; that at 0 holds the first one's.
+Velocities that lead q(t+h) back onto the constraints are those of t + h/2, not of t: runs start
+from such ones, see `between_steps`.
 
-Joint fidelity. Revolute joint: `PivotJoint`. Translational joint: `GrooveJoint` along the guide and `GearJoint` of
-ratio 1 for the angle; a slider whose guide cannot turn gets infinite moment of inertia instead of the gear. Angle
-drive: `SimpleMotor`, at constant rate left alone, otherwise with the rate that ends each step on the law. Distance
-drive: `PinJoint` whose distance follows the law, along an axis a `GrooveJoint` across it whose place does. Friction: a
-`GrooveJoint` across the guide, so that only its force along the guide acts, without position correction and with
+Joint fidelity. Revolute joint: `PivotJoint`. Translational joint of bodies that cannot turn:
+`GrooveJoint` along the guide, and infinite moment of inertia. Of bodies that turn: a `GearJoint`
+of ratio 1 for the angle, and a `PinJoint` across the guide whose far end goes along with the
+slider. Angle drive: `SimpleMotor`, at constant rate left alone, otherwise with the rate that ends
+each step on the law. Distance drive: `PinJoint` whose distance follows the law, along an axis a
+`GrooveJoint` or `PinJoint` across it, as for guides, whose place does. Friction: the same across
+the guide, so that only its force along the guide acts, without position correction and with
 `max_force` at the bound.
+
+A `GrooveJoint` must not be used where one of its bodies can turn. It multiplies the relative
+velocity of its points by the inverse of their 2 x 2 mass matrix K and keeps the component n of
+this impulse across the groove (Chipmunk2D, cpGrooveJoint.c, `applyImpulse`). That ends at n K^-1 v
+= 0, not at n v = 0: where K is no multiple of the unit matrix, which is where the point is off a
+body's centre of mass both along and across the groove, a slider that moves leaves its guide. A
+`PinJoint` has one row, with the mass of that row.
 
 Contact fidelity. The slider is a box of the guide's length and width, less `clearance`, between two segments. Without
 clearance the box touches both from the start, and what its contacts remember keeps it pressed between them: a box of
@@ -23,11 +32,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from stiction.engines.protocol import FIDELITIES, accepted
+from stiction.engines.pymunk.correction import Iteration, bias_of_share, constraint_rows, share_of_bias
 from stiction.engines.shared.contact_geometry import contact_refusal, crowded, slider_box, unlike_guides
 from stiction.engines.shared.fixed_step import Defaults, Sample, SteppedEngine, Stepper
 from stiction.engines.shared.friction_bound import CoefficientSwitch, FrictionBound
@@ -37,10 +47,10 @@ from stiction.reference_impl.compiled.kernel import bound
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
-from stiction.scenes.model import Drive, Translational
+from stiction.scenes.model import Drive
 
 if TYPE_CHECKING:
-    from pymunk import Body, GrooveJoint
+    from pymunk import Body, Constraint, Vec2d
     from pymunk.batch import Buffer
 
 MOST_GUIDES = 32
@@ -50,6 +60,9 @@ _GROOVE = 1e4
 AT_REST = 1e-9
 """A slip speed at the start up to this part of the mechanism's size per second, or of the largest speed, is rest: scene
 files are met to it."""
+_ROD = 1.0
+"""Length of a `PinJoint` that stands for a line, as a multiple of the mechanism's size: any that
+is far above position errors, and whose rounding is not."""
 _SPARE = 2
 """Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its
 own allocator."""
@@ -57,7 +70,8 @@ _SETTINGS: Mapping[str, Defaults] = {
     "joint": {"iterations": 50, "passes": 2, "error_bias": 0.0},
     "contact": {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60,
                 "clearance": 1e-7}}
-_TRIAL = {"iterations": 1000, "passes": 20, "error_bias": 0.0}
+_TRIAL_ITERATIONS = 1000
+_TRIAL = {"passes": 20, "error_bias": 0.0}
 """Settings of the one step before a run: it finds impulses and bounds of friction, which no step before it has, to
 rounding."""
 
@@ -65,10 +79,13 @@ rounding."""
 class PymunkEngine(SteppedEngine):
     """Adapter of pymunk; see the module for what becomes of each element.
 
-    Settings, joint fidelity: `iterations` of the solver a step, `passes` at a step where stick is undecided,
-    `error_bias` (share of a joint's position error left after one second; 0 corrects it in one step). Contact
-    fidelity: `iterations`, `error_bias`, `collision_slop` (overlap in metres that is let be), `collision_bias`
-    (as `error_bias`, for overlap), `clearance` (by how much the box is narrower than its guide, m).
+    Settings, joint fidelity: `iterations` of the solver a step, `passes` at a step where stick is
+    undecided, `error_bias` (share of a joint's position error left after one second, as Chipmunk
+    has it; 0: each step corrects as much of it as the iterations bear, all of it where masses are
+    alike, see `stiction.engines.pymunk.correction`). Contact fidelity: `iterations`, `error_bias`
+    (0: each step corrects all of it), `collision_slop` (overlap in metres that is let be),
+    `collision_bias` (as `error_bias`, for overlap), `clearance` (by how much the box is narrower
+    than its guide, m).
     """
 
     name, defaults, reach = "pymunk", _SETTINGS, dict.fromkeys(FIDELITIES, _GROOVE)
@@ -103,6 +120,25 @@ def non_turning(scene: Scene) -> set[str]:
     return found
 
 
+class _Line(NamedTuple):
+    """A line of a body, `normal` across it (of unit length, in the body's axes).
+
+    It is `level` metres from the point `origin`, at a time in seconds, or through it. Without an
+    origin it goes through the point that is held on it wherever that is: velocities alone are
+    held.
+    """
+
+    normal: Vec2d
+    origin: Vec2d | None = None
+    level: Callable[[float], float] | None = None
+
+    def distance(self, place: Vec2d, t: float) -> float:
+        """Metres from the line to a place, along the normal."""
+        if self.origin is None:
+            return 0.0
+        return (place - self.origin).dot(self.normal) - (self.level(t) if self.level else 0.0)
+
+
 class _PymunkStepper(Stepper):
     """A scene as pymunk bodies, pins, motors and loads; subclasses add guides and friction."""
 
@@ -113,7 +149,7 @@ class _PymunkStepper(Stepper):
         import pymunk
 
         super().__init__()
-        self._h, self._k, self._scene = h, 0, scene
+        self._h, self._k, self._scene, self._fixed = h, 0, scene, fixed
         self._space = space = pymunk.Space()
         space.iterations = options["iterations"]
         if scene.gravity is not None:
@@ -125,17 +161,19 @@ class _PymunkStepper(Stepper):
             body.velocity, body.angular_velocity = data.velocity, data.angular_velocity
             space.add(body)
             named[name] = body
-        self._bias = options["error_bias"]
+        # boxes find their friction themselves, and land in the first two steps
+        self.bound = FrictionBound(scene, options.get("passes", 1), self.capped)
+        self.balanced, self.settling = bool(len(self.bound.held)), 1 if self.capped else 2
+        self._rod = _ROD * self.bound.balance.m.length_scale
+        self._iterations, self._bias = options["iterations"], options["error_bias"]
         self._targets: list[Callable[[float], None]] = []
         for pin in scene.pins.values():
-            self._add(pymunk.PivotJoint(named[pin.bodies[0]], named[pin.bodies[1]], *pin.points))
+            first, second = (named[name] for name in pin.bodies)
+            self._space.add(pymunk.PivotJoint(first, second, *pin.points))
         for drive in scene.drives.values():
             self._drive(drive, *(named[name] for name in drive.bodies))
         self._named = named
         self._loaded = bool(scene.springs or scene.forces)
-        # boxes find their friction themselves, and land in the first step; all else settles in two
-        self.bound = FrictionBound(scene, options.get("passes", 1), self.capped)
-        self.balanced, self.settling = bool(len(self.bound.held)), 1 if len(self.bound.held) else 2
         self._share_states([named[name].id for name in scene.bodies])
 
     def _share_states(self, bodies: Sequence[int]) -> None:
@@ -172,48 +210,101 @@ class _PymunkStepper(Stepper):
         """Write what was before to the space; what is present stays as it is until it is fetched."""
         self._set(self._space, self._motion, self._before)
 
-    def _add(self, constraint: Any) -> None:
-        constraint.error_bias = self._bias
-        self._space.add(constraint)
+    def _on_lines(self, base: Body, slider: Body, own: tuple[float, float],
+                  *lines: _Line) -> Sequence[Constraint]:
+        """Return constraints that hold a slider's point `own` on lines of a base, one for each.
+
+        They are grooves where neither body can turn, else rods; see the module.
+        """
+        import pymunk
+
+        if math.isinf(base.moment) and math.isinf(slider.moment):
+            return [self._groove(base, slider, own, line) for line in lines]
+        rods = [pymunk.PinJoint(base, slider, (0.0, 0.0), own) for _ in lines]
+        for rod in rods:
+            rod.distance = self._rod
+
+        def go_along(t: float) -> None:
+            # the engine solves for the impulses of this step where its velocities will have led
+            angle = slider.angle + slider.angular_velocity * self._h
+            point = slider.position + slider.velocity * self._h + pymunk.Vec2d(*own).rotated(angle)
+            origin = base.position + base.velocity * self._h
+            place = (point - origin).rotated(-base.angle - base.angular_velocity * self._h)
+            for rod, line in zip(rods, lines):
+                # the rod lies across the line, and is longer by as much as the point is off it
+                rod.anchor_a = place - (self._rod + line.distance(place, t)) * line.normal
+        self._targets.append(go_along)
+        return rods
+
+    def _groove(self, base: Body, slider: Body, own: tuple[float, float],
+                line: _Line) -> Constraint:
+        import pymunk
+
+        along, start = _GROOVE * line.normal.perpendicular(), line.origin
+        if start is None:
+            start = base.world_to_local(slider.local_to_world(own))
+        groove = pymunk.GrooveJoint(base, slider, start - along, start + along, own)
+        if (level := line.level) is not None:
+            def shift(t: float) -> None:
+                place = start + level(t) * line.normal
+                groove.groove_a, groove.groove_b = place - along, place + along
+            self._targets.append(shift)
+        return groove
 
     def _drive(self, drive: Drive, first: Body, second: Body) -> None:
         import pymunk
+        from pymunk import Vec2d
 
-        law, follow = drive.law, self._targets.append
+        law, follow, h = drive.law, self._targets.append, self._h
+
+        def aim(t: float) -> float:
+            # what a step must aim at that goes the law's way to t, and on top corrects a share of
+            # its error at t - h
+            behind = evaluate_law(law, t - h)[0]
+            return behind + (evaluate_law(law, t)[0] - behind) / self._share
         if drive.type == "angle":
             motor = pymunk.SimpleMotor(first, second, evaluate_law(law, 0.0)[1])
-            self._add(motor)
+            self._space.add(motor)
 
             def turn(t: float) -> None:
                 angle = first.angle - second.angle + self._h * (first.angular_velocity - second.angular_velocity)
-                motor.rate = (evaluate_law(law, t)[0] - angle) / self._h
+                motor.rate = self._share * (aim(t) - angle) / self._h
             if not isinstance(law, (Constant, Linear)):
                 follow(turn)
         elif drive.axis is None:
             rod = pymunk.PinJoint(first, second, *drive.points)
-            self._add(rod)
+            self._space.add(rod)
 
             def stretch(t: float) -> None:
-                rod.distance = evaluate_law(law, t)[0]
+                rod.distance = aim(t)
             follow(stretch)
         else:
-            axis = np.array(drive.axis) / math.hypot(*drive.axis)
-            across = _GROOVE * np.array([-axis[1], axis[0]])
-            groove = pymunk.GrooveJoint(second, first, tuple(-across), tuple(across), drive.points[0])
-            self._add(groove)
-
-            def shift(t: float) -> None:
-                place = drive.points[1] + evaluate_law(law, t)[0] * axis
-                groove.groove_a, groove.groove_b = tuple(place - across), tuple(place + across)
-            follow(shift)
+            axis = Vec2d(*drive.axis).normalized()
+            line = _Line(axis, Vec2d(*drive.points[1]), aim)
+            self._space.add(*self._on_lines(second, first, drive.points[0], line))
 
     def compile(self) -> None:
-        start, data = self.bound.initial, self.data
-        if self._scene.frictional_guides:
-            *between, guides = between_steps(self._scene, self._h, self._bias)
-            self.bound.data.guides[:] = guides[:len(self.bound.data.guides)]
-        self.begin(*(between if self._scene.frictional_guides else start))
+        start, data, balance = self.bound.initial, self.data, self.bound.balance
+        assemble(balance, 0.0, *start, 0.0)
+        iteration = Iteration(self._scene, balance, self._fixed)
+        # boxes are held by contacts, which have a bias of their own; that of pins decides nothing
+        # there
+        share = iteration.share(self._iterations) if self.capped else 1.0
+        bias = self._bias or bias_of_share(share, self._h)
+        *between, guides = between_steps(self._scene, self._h, bias,
+                                         iteration.needed(_TRIAL_ITERATIONS))
+        self.bound.data.guides[:] = guides[:len(self.bound.data.guides)]
+        self.correct(bias)
+        if self.capped:  # the first step, which has no impulses of a step before to begin with
+            self._space.iterations = iteration.needed(self._iterations)
+        self.begin(*between)
         data.q[:], data.v[:] = start  # of the first sample
+
+    def correct(self, error_bias: float) -> None:
+        """Have joints leave this part of their position error after a second."""
+        self._share = share_of_bias(error_bias, self._h)
+        for constraint in self._space.constraints:
+            constraint.error_bias = error_bias
 
     def begin(self, q: np.ndarray, v: np.ndarray) -> None:
         """Begin the first step, at these coordinates and velocities."""
@@ -228,6 +319,8 @@ class _PymunkStepper(Stepper):
         for target in self._targets:  # the position that follows the step
             target(self._k * self._h + self._h)
         self.bound.step(self.advance, self._finish, (self._k + 1) * self._h, self._retreat)
+        if self._k == 1:
+            self._space.iterations = self._iterations
 
     def sample(self) -> Sample:
         data = self.data
@@ -246,50 +339,33 @@ class _JointStepper(_PymunkStepper):
 
     capped = True
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str] | None = None):
+    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
         import pymunk
 
-        fixed = non_turning(scene) if fixed is None else fixed
+        fixed = non_turning(scene)
         super().__init__(scene, h, options, fixed)
+        self._rubbing: list[Constraint] = []
         for guide in scene.guides.values():
             slider, base = self._named[guide.slider], self._named[guide.guide]
-            along = np.array(guide.direction) * (_GROOVE / math.hypot(*guide.direction))
-            ends = tuple(guide.point - along), tuple(guide.point + along)
-            self._add(pymunk.GrooveJoint(base, slider, *ends, guide.slider_point))
+            along = pymunk.Vec2d(*guide.direction).normalized()
+            held = _Line(along.perpendicular(), pymunk.Vec2d(*guide.point))
+            rubbing = [_Line(along)] if guide.frictional else []
+            joint, *friction = self._on_lines(base, slider, guide.slider_point, held, *rubbing)
+            self._space.add(joint)
             if guide.slider not in fixed:
-                self._add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
-        self._grooves = [self._friction_groove(guide, turning=guide.guide not in fixed)
-                         for guide in scene.frictional_guides.values()]
+                self._space.add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
+            self._rubbing += friction
+        for row in self._rubbing:  # last in an iteration, so that nothing changes the slip after it
+            row.max_bias = 0.0
+            self._space.add(row)
         self.friction = self.bound
 
     def advance(self, caps: Sequence[float]) -> None:
-        for groove, cap in zip(self._grooves, caps):
-            groove.max_force = cap
+        for row, cap in zip(self._rubbing, caps):
+            row.max_force = cap
         super().advance(caps)
-        for i, groove in enumerate(self._grooves):
-            self.bound.held[i] = groove.impulse / self._h
-
-    def _friction_groove(self, guide: Translational, turning: bool) -> GrooveJoint:
-        import pymunk
-
-        slider, base = self._named[guide.slider], self._named[guide.guide]
-        normal = np.array([-guide.direction[1], guide.direction[0]]) * (_GROOVE / math.hypot(*guide.direction))
-        place = np.array(base.world_to_local(slider.local_to_world(guide.slider_point)))
-        groove = pymunk.GrooveJoint(base, slider, tuple(place - normal), tuple(place + normal), guide.slider_point)
-        groove.max_bias = 0.0
-        self._space.add(groove)
-
-        def accompany(t: float) -> None:
-            # a guide that turns feels where the friction acts on it; q is where this step will solve for forces
-            position = slider.position + slider.velocity * self._h
-            angle = slider.angle + slider.angular_velocity * self._h
-            point = position + pymunk.Vec2d(*guide.slider_point).rotated(angle)
-            origin = base.position + base.velocity * self._h
-            place = np.array((point - origin).rotated(-base.angle - base.angular_velocity * self._h))
-            groove.groove_a, groove.groove_b = tuple(place - normal), tuple(place + normal)
-        if turning:
-            self._targets.append(accompany)
-        return groove
+        for i, row in enumerate(self._rubbing):
+            self.bound.held[i] = row.impulse / self._h
 
 
 class _ContactStepper(_PymunkStepper):
@@ -359,24 +435,30 @@ def _buffer(reals: int, names: int = 0) -> tuple[Buffer, np.ndarray, np.ndarray]
     return buffer, numbers, identities
 
 
-def between_steps(scene: Scene, h: float, error_bias: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def between_steps(scene: Scene, h: float, error_bias: float,
+                  iterations: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a start from which the first step has the reactions of the motion, and the state of its guides.
 
-    With Phi(q, t) = 0 and Phi'' = J q'' + gamma, a run has Phi = h^2 gamma/2 and Phi' = -h gamma/2 at each of its
-    steps. From Phi = Phi' = 0 it gets there by half a step's reaction more, which a slider at rest does not stand. So
-    velocities are advanced by half a step of the engine's own acceleration, as in the leapfrog scheme. Positions are
-    set back by the least acceleration that constraints and sliders at rest need, of which laws of drives are no part.
-    Joints that correct a share of their error in a step, by the run's `error_bias`, need that share of both. The guides
-    are those of the trial step that gave the acceleration. The scene has friction.
+    With Phi(q, t) = 0 and Phi'' = J q'' + gamma, a run whose steps correct a share s of Phi
+    settles at Phi = h^2 gamma/(2 s) and Phi' = -h gamma/2: then h Phi' + h^2 gamma/2 = 0, by which
+    Phi changes in a step, and the velocity that the next step aims at, -s Phi/h, is Phi'. From Phi
+    = Phi' = 0 the first step has (1 + s/2) times the motion's reaction, which a slider at rest
+    does not stand, and 1/s steps are off. So velocities are advanced by half a step of the
+    engine's own acceleration, as in the leapfrog scheme. Positions are set back by the least
+    acceleration that constraints and sliders at rest need, of which laws of drives are no part.
+
+    The acceleration is that of a trial step, in which nothing is left of an error after so many
+    `iterations`; the guides are those of that step.
     """
     # ideal guides at both fidelities: boxes have not landed in a first step
-    trial = _JointStepper(scene, h, _TRIAL, fixed={GROUND})
-    (q, v), share = trial.bound.initial, 1.0 - error_bias ** h
+    trial = _JointStepper(scene, h, {**_TRIAL, "iterations": iterations})
+    share = share_of_bias(error_bias, h)
+    q, v = trial.bound.initial
     of_velocity, of_position = (h / 2 * each for each in _least_accelerations(scene, trial.bound))
+    trial.correct(0.0)
     trial.begin(q - h * of_position, v + of_velocity)
     trial.step()
-    return (q - share * h * of_position, v + h / 2 * trial.sample().a - (1.0 - share) * of_velocity,
-            trial.bound.data.guides)
+    return q - h / share * of_position, v + h / 2 * trial.sample().a, trial.bound.data.guides
 
 
 def _least_accelerations(scene: Scene, friction: FrictionBound) -> tuple[np.ndarray, np.ndarray]:
@@ -388,8 +470,6 @@ def _least_accelerations(scene: Scene, friction: FrictionBound) -> tuple[np.ndar
     held = np.append(np.arange(m.rows), m.rows + np.flatnonzero(np.abs(w.slip_speed) <= slowest))
     resting = w.gamma.copy()
     resting[m.rows - len(scene.drives):m.rows] += [evaluate_law(drive.law, 0.0)[2] for drive in scene.drives.values()]
-    J = np.zeros((len(w.gamma), len(balance.mass)))
-    for place, row, body in m.block.astype(int):
-        J[row, body:body + 3] = w.J[place:place + 3]
+    J = constraint_rows(balance)
     force = np.linalg.lstsq(w.G[np.ix_(held, held)], np.stack((w.gamma, resting), axis=1)[held])[0]
     return tuple(-(J[held].T @ force).T / balance.mass)

@@ -72,6 +72,10 @@ class ReferenceEngine(Engine):
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return dict(SETTINGS)
 
+    def settings_of_run(self, given: Mapping[str, Any], *, fidelity: str, dt: float | None,
+                        rtol: float | None) -> dict[str, Any]:
+        return {**SETTINGS, "method": _method(dt, rtol), **given}
+
     def check_arguments(self, *, fidelity: str, settings: Mapping[str, Any], **_: Any) -> None:
         # a step or a tolerance: each method has its own
         check_settings(settings, self.default_settings(fidelity), self.name, fidelity)
@@ -102,7 +106,8 @@ class ReferenceEngine(Engine):
         from stiction.reference_impl.multibody.mechanism import Mechanism
         from stiction.reference_impl.multibody.subsystems import independent_parts, simulate_parts
 
-        chosen = _settings(settings, dt, rtol)
+        chosen = self.settings_of_run(settings, fidelity=fidelity, dt=dt, rtol=rtol)
+        _check(chosen, dt, rtol)
         compiled = compiling_seconds()
         self.prepare_run(scene, method=chosen["method"], stabilization=chosen["stabilization"])
         started = clock()
@@ -165,10 +170,10 @@ def _method(dt: float | None, rtol: float | None) -> str:
     return "paper" if dt is not None and rtol is None else "event"
 
 
-def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) -> dict[str, Any]:
+def _check(chosen: Mapping[str, Any], dt: float | None, rtol: float | None) -> None:
+    """Raise InputError for settings that do not go together, or with a step or a tolerance."""
     from stiction.reference_impl.friction.solver_names import SOLVERS
 
-    chosen = {**SETTINGS, "method": _method(dt, rtol), **given}
     for key, words in (("method", METHODS), ("solver", SOLVERS), ("audit", AUDITS), ("stabilization", STABILIZATIONS)):
         if chosen[key] not in words:
             raise InputError(f"reference: {key} = {chosen[key]!r}; expected one of {', '.join(words)}")
@@ -180,7 +185,6 @@ def _settings(given: Mapping[str, Any], dt: float | None, rtol: float | None) ->
         raise InputError("reference: dt given, but method 'event' has a tolerance; expected rtol")
     if chosen["method"] != "event" and rtol is not None:
         raise InputError(f"reference: rtol given, but method {chosen['method']!r} has a fixed step; expected dt")
-    return chosen
 
 
 def output_times(t_end: float, step: float) -> np.ndarray:

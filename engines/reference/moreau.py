@@ -21,8 +21,12 @@ class MoreauEngine(Engine):
 
     Settings: `clearance` between a slider in the middle of its guide and each surface, in parts of the mechanism's size
     (`Arrays.length_scale`; the settings of a trajectory have it in metres too); `restitution`, Newton's coefficient. A
-    guide without length has its slider's point between two surfaces and its angle held. Every scene can be represented,
-    guides on moving bodies included, but for static coefficients above the kinetic ones.
+    guide without length has its slider's point between two surfaces and its angle held.
+
+    No scene is refused, guides on moving bodies included, but for static coefficients above the
+    kinetic ones. A run may still end before its end: where Lemke's method finds no solution of a
+    step's complementarity problem (it ends on a ray), and no contact mode is one or they are too
+    many to try.
     """
 
     name = "moreau"

@@ -112,18 +112,21 @@ Defaults = Mapping[str, int | float | tuple[str, ...]]
 def settings_of(given: Mapping[str, Any], defaults: Defaults, engine: str, fidelity: str) -> dict[str, Any]:
     """The engine's settings with those given put in; InputError for a name, a type or a value that it does not have.
 
-    The type is that of the default; numbers are finite and not negative, whole ones at least 1.
+    The type is that of the default; numbers are finite and not negative, whole ones at least 1, or
+    a default of 0.
     """
     check_settings(given, defaults, engine, fidelity)
     for name, value in given.items():
-        if isinstance(words := defaults[name], tuple):
-            if value not in words:
-                raise InputError(f"{name}: found {value!r}; expected one of {', '.join(words)}")
+        if isinstance(default := defaults[name], tuple):
+            if value not in default:
+                raise InputError(f"{name}: found {value!r}; expected one of {', '.join(default)}")
             continue
-        whole = isinstance(defaults[name], int)
+        whole = isinstance(default, int)
+        least = min(1, default) if whole else 0
         if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) \
-                or not math.isfinite(value) or value < (1 if whole else 0):
-            raise InputError(f"{name}: found {value!r}; expected a {'whole number >= 1' if whole else 'number >= 0'}")
+                or not math.isfinite(value) or value < least:
+            kind = "whole number" if whole else "number"
+            raise InputError(f"{name}: found {value!r}; expected a {kind} >= {least}")
     return {**{name: default[0] if isinstance(default, tuple) else default for name, default in defaults.items()},
             **given}
 
@@ -203,8 +206,15 @@ class SteppedEngine(Engine):
         q, v, a, modes, friction = (np.array(part) for part in zip(*samples))
         rests = _held_too(scene, q, v, friction, h)
         columns = columns_of_motion(scene, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction))
+        size = Mechanism(scene, stabilization="none").arrays.length_scale
+        off = columns["drift.position"]
         for name in scene.guides:
             if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > self.reach[fidelity]:
+                if len(left := np.flatnonzero(~(off <= size))):
+                    raise BadTrajectory(
+                        f"{self.name}: the run diverged: {off[left[0]]:.3g} m off its constraints "
+                        f"at t = {t[left[0]]:g} s with dt = {h:g} s; expected less than the size "
+                        f"of the mechanism, {size:.3g} m")
                 raise BadTrajectory(f"{self.name}: {name} is {farthest:g} m from its guide's point; guides end at "
                                     f"{self.reach[fidelity]:g} m")
         return Trajectory(scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=t,

@@ -42,6 +42,11 @@ class TreeEngine(SteppedEngine):
         if "method" not in settings:  # each method has its own
             super().check_arguments(settings=settings, **asked)
 
+    def settings_of_run(self, given: Mapping[str, Any], **asked: Any) -> dict[str, Any]:
+        if "method" in given:  # each method has its own, as in `check_arguments`
+            return dict(given)
+        return super().settings_of_run(given, **asked)
+
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return settings.get("method") == METHOD
 

@@ -243,3 +243,12 @@ def test_a_box_at_rest_begins_at_rest(engine):
 def test_bad_settings(engine, settings, words):
     with pytest.raises(InputError, match=words):
         engine.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), **{"t_end": 0.1, "fidelity": "contact", **settings})
+
+
+def test_a_loop_that_closes_with_the_ground_is_refused_in_words():
+    """Drake ends the process in the first step of such a constraint. A bar in the slot of a block that slides on the ground, pinned to the ground."""
+    scene = scene_from_dict({
+        "bodies": {"block": {"mass": 1, "inertia": 1}, "bar": {"mass": 1, "inertia": 0.1, "position": [0, 0.5]}},
+        "joints": {"guide": {"type": "translational", "slider": "block"}, "slot": {"type": "translational", "slider": "bar", "guide": "block", "direction": [0, 1]},
+                   "foot": {"type": "revolute", "bodies": ["bar", "ground"], "points": [[0, 0.5], [0, 1]]}}})
+    assert "joints.foot: closes a loop with the ground" in load_engine("drake").refusal(scene, "joint")

@@ -399,3 +399,55 @@ BRISTLES = {"method": "bristles"}
 def test_bad_settings(engine, settings, words):
     with pytest.raises(InputError, match=words):
         engine.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), **{"t_end": 0.1, **settings})
+
+
+@pytest.mark.parametrize("dt", [1e-2, 5e-3, 3e-3, 2e-3, 1e-3, 1e-4])
+def test_a_reversal_that_falls_on_a_step(engine, dt):
+    """The dead centres of a crank of 60 rpm, at 0.5 and 1 s; the torque is that of steps that do not meet them."""
+    scene = load_scene("slider-crank", {"guide.mu": 0.2})
+    run = engine.simulate(scene, t_end=1.1, dt=dt, output_step=0.01)
+    assert [event.kind for event in run.events] == ["reversal", "reversal"]
+    np.testing.assert_allclose([event.time for event in run.events], [0.5, 1.0], atol=1e-6)
+    truth = load_engine("reference").simulate(scene, t_end=1.1, rtol=1e-10)
+    for k, event in enumerate(run.events):
+        for side in ("before", "after"):
+            assert abs(getattr(event, side)["motor.effort"] - getattr(truth.events[k], side)["motor.effort"]) < 2e3 * dt ** 2 + 1e-3
+
+
+@pytest.mark.parametrize("dt", [2e-3, 1e-3, 9e-4, 5e-4, 1e-4])
+def test_a_quick_return_turns_round_on_a_step(engine, dt):
+    """Crank and arm with a slot: where the crank pin is nearest the arm's pivot the slot reverses, and the arm turns with r w/(d - r)."""
+    r, w, d = 0.1, 2 * np.pi, 0.25
+    far = r * w / (d + r)
+    subject = scene(
+        bodies={"crank": {"mass": 1, "inertia": 0.01, "angular_velocity": w},
+                "block": {"mass": 0.1, "inertia": 1e-4, "position": [r, 0], "velocity": [0, r * w], "angular_velocity": far},
+                "arm": {"mass": 2, "inertia": 0.1, "position": [-d, 0], "angular_velocity": far}},
+        joints={"pivot": {"type": "revolute", "bodies": ["crank", "ground"]}, "hinge": {"type": "revolute", "bodies": ["arm", "ground"], "points": [[0, 0], [-d, 0]]},
+                "pin": {"type": "revolute", "bodies": ["block", "crank"], "points": [[0, 0], [r, 0]]},
+                "slot": {"type": "translational", "slider": "block", "guide": "arm", "direction": [1, 0], "mu": 0.1}},
+        drives={"motor": {"type": "angle", "bodies": ["crank", "ground"], "law": {"type": "linear", "rate": w}}})
+    run = engine.simulate(subject, t_end=1.2, dt=dt)
+    assert [event.kind for event in run.events] == ["reversal", "reversal"]
+    np.testing.assert_allclose([event.time for event in run.events], [0.5, 1.0], atol=1e-6)
+    np.testing.assert_allclose([event.before["arm.omega"] for event in run.events], [-r * w / (d - r), far], rtol=1e-3)
+
+
+@pytest.mark.parametrize("dt", [2.5e-4, 1e-4])
+def test_a_load_that_passes_through_zero_settles(engine, dt):
+    """A sled whose weight is lifted off for a moment: at small steps rounding of the multipliers is what is left of its load."""
+    subject = scene(bodies={"sled": {"mass": 1, "inertia": 0.1, "velocity": [3, 0]}}, joints={"guide": {"type": "translational", "slider": "sled", "mu": 0.2}},
+                    forces={"lift": {"type": "force", "body": "sled", "direction": [0, 1], "law": {"type": "linear", "offset": -1, "rate": 10}}})
+    run = engine.simulate(subject, t_end=0.2, dt=dt)
+    t = run.t  # friction 0.2 |1 - 10 t|
+    lost = np.where(t < 0.1, 0.2 * (t - 5 * t ** 2), 0.2 * (0.05 + 5 * (t - 0.1) ** 2))
+    assert run.termination == "end"
+    np.testing.assert_allclose(run["sled.vx"], 3 - lost, atol=1e-7)
+
+
+def test_a_free_body_has_no_reactions(engine):
+    """On a spring, x'' = -k x: the check of its balance of forces has no rows then."""
+    subject = scene(bodies={"ball": {"mass": 1, "inertia": 1, "position": [0.1, 0]}}, gravity=[0, 0],
+                    springs={"spring": {"type": "linear", "bodies": ["ball", "ground"], "stiffness": 4}})
+    run = engine.simulate(subject, t_end=1.0, dt=1e-3)
+    np.testing.assert_allclose(run["ball.x"], 0.1 * np.cos(2 * run.t), atol=1e-6)

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.truth import four_bar_truth, pendulum_truth
-from stiction.engines import load_engine
+from stiction.engines import BadTrajectory, load_engine
+from stiction.engines.pymunk.correction import Iteration, bias_of_share, share_of_bias
 from stiction.engines.pymunk.engine import non_turning
+from stiction.engines.shared.step_kernels import Balance, assemble
 from stiction.scenes import load_scene, scene_from_dict, vary
 
 
@@ -82,3 +84,81 @@ def test_a_load_of_a_millisecond_moves_the_slider_when_it_acts(engine):
     run = engine.simulate(load_scene("hard/break-away-for-a-millisecond"), t_end=5.7, dt=1e-3, output_step=1e-3)
     moved = np.abs(run["slider.x"] - run["slider.x"][0]) > 1e-9
     assert 5.6248 <= run.t[moved.argmax()] <= 5.6278  # the truth's break-away, and three steps
+
+
+def scotch_yoke(block):
+    """A yoke of 2 kg on the ground's guide, driven by a crank pin in its slot; a light block of this mass (kg) is in the slot."""
+    r, w = 0.05, 2 * np.pi / 3
+    return scene_from_dict({
+        "bodies": {"crank": {"mass": 1, "inertia": 0.01, "angular_velocity": w},
+                   "block": {"mass": block, "inertia": 1e-4 * block, "position": [r, 0], "velocity": [0, r * w]},
+                   "yoke": {"mass": 2, "inertia": 0.1, "position": [r, 0]}},
+        "joints": {"pivot": {"type": "revolute", "bodies": ["crank", "ground"]},
+                   "crankpin": {"type": "revolute", "bodies": ["block", "crank"], "points": [[0, 0], [r, 0]]},
+                   "slot": {"type": "translational", "slider": "block", "guide": "yoke", "direction": [0, 1]},
+                   "guide": {"type": "translational", "slider": "yoke"}},
+        "drives": {"motor": {"type": "angle", "bodies": ["crank", "ground"], "law": {"type": "linear", "rate": w}}}})
+
+
+@pytest.mark.parametrize("block", [2.0, 2e-2, 2e-3, 1e-3, 2e-4])
+@pytest.mark.parametrize("dt", [4e-3, 1e-3, 2.5e-4])
+def test_a_light_body_between_heavy_ones_does_not_fly_apart(engine, block, dt):
+    """The yoke of a Scotch yoke is at r cos(w t), whatever the block in its slot weighs; that of 1e-4 of the yoke's mass is off by 5 % of r at 4 ms."""
+    run = engine.simulate(scotch_yoke(block), t_end=3.0, dt=dt, output_step=0.02)
+    off = np.abs(run["yoke.x"] - 0.05 * np.cos(2 * np.pi / 3 * run.t)).max()
+    assert off < (2.5e-4 if block >= 1e-3 else 2.5e-3) * dt / 1e-3
+
+
+def test_the_share_that_iterations_bear():
+    """As the eigenvalues of a step say: with it the Scotch yoke stays together, with three times what is stable it does not."""
+    scene = scotch_yoke(2e-2)
+    balance = Balance.of(scene)
+    assemble(balance, 0.0, balance.q.copy(), balance.v.copy(), 0.0)
+    iteration = Iteration(scene, balance, non_turning(scene))
+    left = iteration.left(50)
+    assert 0.5 < left < 1.0 and iteration.share(50) < (1 - left) / left
+
+    def growth(share):
+        phi = np.array([[1, 1, 0], [0, 1, 0], [0, 0, 1]])
+        rest = np.array([[1, 0, 0], [-(1 - left) * share, left, left], [-(1 - left) * share, left - 1, left]])
+        return np.abs(np.linalg.eigvals(rest @ phi)).max()
+
+    stable = (1 - left) / left
+    assert growth(0.999 * stable) < 1 < growth(1.001 * stable)
+    solver = load_engine("pymunk")
+    solver.simulate(scene, t_end=3.0, dt=4e-3, error_bias=bias_of_share(0.8 * stable, 4e-3))
+    with pytest.raises(BadTrajectory):
+        solver.simulate(scene, t_end=3.0, dt=4e-3, error_bias=bias_of_share(min(0.999, 1.5 * stable), 4e-3))
+
+
+@pytest.mark.parametrize(("share", "h"), [(1.0, 1e-3), (0.5, 4e-3), (0.1, 1e-3), (1e-3, 1e-4)])
+def test_the_share_of_a_step_is_what_chipmunk_makes_of_a_second(share, h):
+    assert share_of_bias(bias_of_share(share, h), h) == pytest.approx(share)
+    assert 0 < share_of_bias(bias_of_share(0.5, 1e-5), 1e-5) < 0.5  # the smallest float, where that of the share is none
+
+
+def test_a_run_that_flies_apart_says_so(engine):
+    """Not that a guide ends far away: where and when it left the mechanism."""
+    with pytest.raises(BadTrajectory, match=r"the run diverged: .* m off its constraints at t = .* s with dt = 0.001 s"):
+        engine.simulate(scotch_yoke(1e-3), t_end=6.0, dt=1e-3, error_bias=1e-300)
+
+
+@pytest.mark.parametrize("axis", [None, [1, 0]])
+@pytest.mark.parametrize("error_bias", [0.0, 1e-30, 0.0018])
+def test_a_driven_distance_does_not_lag_behind_its_law(engine, axis, error_bias):
+    """A rate of 1 m/s would be 1 m/s over the rate of the correction behind, at any step: 0.16 m with 0.0018."""
+    drive = {"type": "distance", "bodies": ["mass", "ground"], "law": {"type": "linear", "offset": 0.5, "rate": 1.0}}
+    scene = scene_from_dict({"bodies": {"mass": {"mass": 1, "inertia": 1, "position": [0.5, 0], "velocity": [1, 0]}},
+                             "drives": {"rod": drive | ({"axis": axis} if axis else {})}})
+    run = engine.simulate(scene, t_end=1.0, dt=1e-3, error_bias=error_bias)
+    np.testing.assert_allclose(run["mass.x"], 0.5 + run.t, atol=1e-9)
+
+
+def test_reactions_of_a_loop_are_those_of_the_motion_from_the_first_row_on(engine):
+    """A chain of links that swings from the horizontal: the acceleration of its first row is that of the reference."""
+    links = {f"l{i}": {"mass": 1, "inertia": 0.01, "position": [0.3 * i + 0.15, 0], "velocity": [0, 0.5 * (0.3 * i + 0.15)], "angular_velocity": 0.5} for i in range(4)}
+    joints = {f"p{i}": {"type": "revolute", "bodies": [f"l{i}", f"l{i - 1}" if i else "ground"], "points": [[-0.15, 0], [0.15 if i else 0, 0]]} for i in range(4)}
+    scene = scene_from_dict({"gravity": [0, -9.81], "bodies": links, "joints": joints})
+    run, truth = engine.simulate(scene, t_end=0.1, dt=1e-3), load_engine("reference").simulate(scene, t_end=0.1, rtol=1e-10)
+    for row in ("p0.fx", "p3.fx", "l3.alpha"):
+        assert abs(run[row][0] - truth[row][0]) < 2e-2 * np.abs(truth[row]).max()

@@ -4,7 +4,7 @@ A step from t to t + h moves first and forces then:  q(t+h) = q(t) + h v(t),  v(
 where a balances loads and reactions at q(t+h), t + h. So loads are evaluated there, and a sample
 at t holds the acceleration of the step that ended at t; that at 0 holds the first one's.
 Velocities that lead q(t+h) back onto the constraints are those of t + h/2, not of t: runs start
-from such ones, see `between_steps`.
+from such ones, but those of smooth boxes; see `between_steps`.
 
 Joint fidelity. Revolute joint: `PivotJoint`. Translational joint of bodies that cannot turn:
 `GrooveJoint` along the guide, and infinite moment of inertia. Of bodies that turn: a `GearJoint`
@@ -297,7 +297,9 @@ class _PymunkStepper(Stepper):
         self.correct(bias)
         if self.capped:  # the first step, which has no impulses of a step before to begin with
             self._space.iterations = iteration.needed(self._iterations)
-        self.begin(*between)
+        # smooth boxes, which have not landed yet, gain nothing by it
+        is_ahead = self.capped or bool(self._scene.frictional_guides)
+        self.begin(*(between if is_ahead else start))
         data.q[:], data.v[:] = start  # of the first sample
 
     def correct(self, error_bias: float) -> None:

@@ -43,6 +43,7 @@ from pathlib import Path
 from typing import Any
 
 from stiction.comparisons.campaigns.measurement import Metric, Row
+from stiction.comparisons.campaigns.night_changes import engine_versions
 from stiction.comparisons.timing.calibration import TIME
 from stiction.scenes import StictionError
 
@@ -80,6 +81,11 @@ class History:
 
     def __init__(self, connection: sqlite3.Connection):
         self._connection = connection
+
+    @property
+    def connection(self) -> sqlite3.Connection:
+        """The connection, to read tables by queries of one's own."""
+        return self._connection
 
     def begin(self, campaign: str, digest: str, origin: Mapping[str, Any]) -> str:
         """Return the night to go on with: the last one, if it was cut off with the same digest, else a new one.
@@ -140,6 +146,16 @@ class History:
     def origin(self, night: str) -> dict[str, Any]:
         """Return the `environment.origin` of its numbers."""
         return json.loads(self._connection.execute("SELECT origin FROM nights WHERE night = ?", (night,)).fetchone()[0])
+
+    def engines(self, night: str) -> dict[str, str]:
+        """Return the versions of the engines of a night, by name."""
+        return engine_versions(self._connection.execute(
+            "SELECT DISTINCT engine, version FROM runs WHERE night = ? ORDER BY rowid", (night,)))
+
+    def finished_before(self, night: str = "~") -> str | None:
+        """Return the last night before another one that is finished."""
+        return self._connection.execute("SELECT max(night) FROM nights WHERE finished IS NOT NULL AND night < ?",
+                                        (night,)).fetchone()[0]
 
     def last_finished(self) -> str | None:
         return self._connection.execute("SELECT max(night) FROM nights WHERE finished IS NOT NULL").fetchone()[0]

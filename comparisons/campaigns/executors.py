@@ -14,7 +14,7 @@ from functools import cache, partial
 from importlib import import_module
 from typing import Any
 
-from stiction.child_processes import undisturbed_end
+from stiction.child_processes import child_context, undisturbed_end
 from stiction.comparisons.environment import source_digest
 from stiction.engines.isolation import IdleChildren, Isolate, Outcome, Task, isolate
 from stiction.scenes import InputError
@@ -57,6 +57,8 @@ def open_isolate(name: str = "processes", workers: int | None = None) -> Iterato
             yield partial(_isolate_on, executor)
         finally:
             executor.shutdown(wait=False)  # Dask's way to cancel
+            # a worker that ends waits for its children, which do not end before it does
+            client.run(_end_idle_children, on_error="ignore")
 
 
 def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
@@ -96,6 +98,10 @@ def _idle_children() -> IdleChildren:
     return IdleChildren()
 
 
+def _end_idle_children() -> None:
+    _idle_children().end()
+
+
 @contextmanager
 def _dask_client(name: str, workers: int | None) -> Iterator[Any]:
     import dask
@@ -131,5 +137,10 @@ def _check_workers(name: str, client: Any) -> None:
 
 
 def _worker() -> tuple[str, bool]:
-    """The digest of the code of the worker that calls it, and whether it is a process that may have no children."""
+    """The digest of the code of the worker that calls it, and whether it is a process that may have no children.
+
+    If it may, it begins to get ready for them.
+    """
+    if not multiprocessing.current_process().daemon:
+        child_context()
     return source_digest(), multiprocessing.current_process().daemon

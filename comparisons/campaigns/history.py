@@ -42,11 +42,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from stiction.comparisons.atomic_files import NotWritten
 from stiction.comparisons.campaigns.measurement import Metric, Row
 from stiction.comparisons.campaigns.night_changes import engine_versions
 from stiction.comparisons.timing.calibration import TIME
 from stiction.scenes import StictionError
 
+PRIMARY_CODE = 0xFF
+"""Bits of SQLite's extended codes of errors that are the code of the kind."""
 FORMAT = 2
 """``PRAGMA user_version`` of the file."""
 
@@ -172,7 +175,10 @@ class History:
 
 @contextmanager
 def open_history(path: Path, write: bool = True) -> Iterator[History]:
-    """Open the history in a file, made if it is not there; raises `HistoryRefused` if the file cannot be used."""
+    """Open the history in a file, made if it is not there.
+
+    Raises `HistoryRefused` if the file cannot be used, and `NotWritten` if the disk is full: what is in there stays.
+    """
     if path.is_dir():
         raise HistoryRefused(f"{path}: found a folder; expected the file of a history, such as "
                              f"{path / 'history.sqlite'}")
@@ -181,7 +187,9 @@ def open_history(path: Path, write: bool = True) -> Iterator[History]:
         with closing(sqlite3.connect(address, uri=True, timeout=60.0)) as connection:
             _prepare(path, connection, write)
             yield History(connection)
-    except sqlite3.OperationalError as error:  # a full disk, above all: what is in there is still there
+    except sqlite3.OperationalError as error:
+        if error.sqlite_errorcode & PRIMARY_CODE in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
+            raise NotWritten(path, OSError(str(error))) from error
         raise HistoryRefused(f"{path}: {error}") from error
 
 

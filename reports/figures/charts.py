@@ -72,15 +72,17 @@ def in_one_column(figure: Figure) -> list[Figure]:
     return [figure]
 
 
-def _named(parts: list[Chart] | list[HeatMap], figure: Chart | HeatMap) -> list[Figure]:
-    """Parts with a name and a caption of their own."""
+def _named(parts: Sequence[Chart | HeatMap], figure: Chart | HeatMap) -> list[Figure]:
+    """Parts with a name and a caption of their own; a single one is the figure itself."""
     if len(parts) <= 1:
-        return [replace(part, name=figure.name) for part in parts] or [figure]
-    first_sentence = figure.caption.partition(". ")[0].rstrip(".")
-    captions = [f"{figure.caption} Part 1 of {len(parts)}.",
-                *(f"{first_sentence}, continued: part {number} of {len(parts)}." for number in range(2, len(parts) + 1))]
-    return [replace(part, name=f"{figure.name}-{number}", caption=caption)
-            for number, (part, caption) in enumerate(zip(parts, captions), 1)]
+        return list(parts or [figure])
+    first_sentence, count = figure.caption.partition(". ")[0].rstrip("."), len(parts)
+    named: list[Figure] = []
+    for number, part in enumerate(parts, 1):
+        caption = (f"{figure.caption} Part 1 of {count}." if number == 1 else
+                   f"{first_sentence}, continued: part {number} of {count}.")
+        named.append(replace(part, name=f"{figure.name}-{number}", caption=caption))
+    return named
 
 
 def _panels_of_parts(chart: Chart, height: float) -> Iterator[list[Panel]]:
@@ -100,10 +102,10 @@ def _panels_of_parts(chart: Chart, height: float) -> Iterator[list[Panel]]:
     room = TALLEST - LEGEND - MARGIN - LEGEND_ROW * max(0, len(labels) - LEGEND_ROWS)
     most = max(1, int(room / height))
     size, rows = (most // across * across, [labelled]) if across <= most else (
-        most, [labelled[first:first + across] for first in range(0, len(labelled), across)])
+        most, [labelled[start:start + across] for start in range(0, len(labelled), across)])
     for row in rows:
-        for first in range(0, len(row), size):
-            yield row[first:first + size]
+        for start in range(0, len(row), size):
+            yield row[start:start + size]
 
 
 def _parts_of_map(heat: HeatMap) -> Iterator[HeatMap]:

@@ -48,7 +48,8 @@ def _worst(findings: Sequence[Finding]) -> str:
     worst = next((finding for finding in findings if finding.severity != NEW and not _is_absent(finding)), None)
     if worst is None:
         return "none"
-    change = f"{_value(worst, worst.before)} -> {_value(worst, worst.now)}" if worst.before is not None else str(worst.now)
+    now = _value(worst, worst.now)
+    change = now if worst.before is None else f"{_value(worst, worst.before)} -> {now}"
     return f"{worst.severity}, {worst.metric or worst.kind} of {worst.key}: {change}; {worst.reason}"
 
 
@@ -56,7 +57,8 @@ def _not_run(rows: Sequence[Row]) -> str:
     """Engines that are not installed, and runs that there was no time for or that were interrupted."""
     missing = Counter(row.engine for row in rows if row.status == MISSING_ENGINE)
     reasons = Counter(row.reason for row in rows if row.status == NOT_RUN)
-    parts = [f"not installed: {', '.join(f'{engine} ({runs(count)})' for engine, count in missing.items())}"] * bool(missing)
+    absent = ", ".join(f"{engine} ({runs(count)})" for engine, count in missing.items())
+    parts = [f"not installed: {absent}"] if absent else []
     parts += [f"{runs(count)}: {reason}" for reason, count in reasons.items()]
     return "; ".join(parts) or "nothing, every run was made"
 

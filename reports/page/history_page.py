@@ -141,7 +141,7 @@ def _nights_table(rows: pd.DataFrame, nights: pd.DataFrame, changed: Mapping[str
                   file: Path) -> str:
     made = rows.drop_duplicates(["night", "key"]).groupby("night")["failed"]
     shown = nights.fillna("–").iloc[::-1].copy()
-    shown.insert(shown.columns.get_loc("verdict") + 1, "worst finding", [told[night].worst_words for night in shown["night"]])
+    shown["worst finding"] = [told[night].worst_words for night in shown["night"]]
     shown["changed since the night before"] = shown["night"].map(changed)
     counts = {"runs": made.size(), "whole": made.size() - made.sum()}
     for name, count in counts.items():
@@ -202,12 +202,12 @@ def _view(labels: tuple[str, ...], rows: pd.DataFrame, nights: list[str], notes:
             name = variant if variant == "truth" else f"{variant} ({setting_of(first['parameter'], first['step'])})"
             series.append({
                 "name": f"{name}, {machine}" if several else name, "color": COLORS[place % len(COLORS)], "about": key,
-                "dash": DASHES[steps.index(first["step"]) % len(DASHES)], "marker": True, "shown": True, "flags": flags, "x": [number],
-                "y": [[block.add(values, LONG)]], "error": [[block.add(unsure)]] if timed else None})
+                "dash": DASHES[steps.index(first["step"]) % len(DASHES)], "marker": True, "shown": True,
+                "flags": flags, "x": [number], "y": [[block.add(values, LONG)]], "error": [[block.add(unsure)]] if timed else None})
     low, high = min(ends), max(ends)
     room = 0.05 * (high - low) or 0.5
     panel = {"label": labels[0], "log": logarithmic, "range": [low - room, high + room]}
-    return View(labels, {"x": {"label": "night", "range": [-0.3, len(nights) - 0.7], "names": nights, "short": _short_names(nights),
-                              "notes": notes},
+    return View(labels, {"x": {"label": "night", "range": [-0.3, len(nights) - 0.7], "names": nights,
+                              "short": _short_names(nights), "notes": notes},
                          "series": series, "shades": [],
                          "modes": [{"name": labels[0], "digits": 6, "panels": [panel]}]}, block)

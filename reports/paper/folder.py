@@ -32,10 +32,10 @@ AUTHORS = ("the stiction authors",)
 """Authors as in ``CITATION.cff``, unless others are named."""
 TRACING = (
     "The last column of a table is a key. Its letter names a table of the run's data, its numbers are rows of that "
-    "table, counted from 1: A12 is row 12 of data/accuracy.csv, and J16-30 are rows 16 to 30 of data/torque.csv, which "
-    "the numbers of a line sum up. The command \"stiction trace RUN KEY\" prints these rows in full precision, with the "
-    "files of the trajectories and of the truth, the settings of the engine, its version and the machine; trace.csv "
-    "lists the same for all keys. The folder tables holds the tables with every row of the data.")
+    "table, counted from 1: A12 is row 12 of data/accuracy.csv, and J16-30 are rows 16 to 30 of data/torque.csv, "
+    "which the numbers of a line sum up. The command \"stiction trace RUN KEY\" prints these rows in full precision, "
+    "with the files of the trajectories and of the truth, the settings of the engine, its version and the machine; "
+    "trace.csv lists the same for all keys. The folder tables holds the tables with every row of the data.")
 
 
 def write_paper(run: StoredRun, folder: str | Path, column: str = "double", authors: Sequence[str] = AUTHORS) -> Path:

@@ -47,7 +47,8 @@ _INDICES = dict(zip("₀₁₂₃₄₅₆₇₈₉₊₋", "0123456789+-", stri
 SIGNS = {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}",
     ">": r"\textgreater{}", "|": r"\textbar{}", **{sign: "\\" + sign for sign in "&%$#_{}"},
-    "\N{REPLACEMENT CHARACTER}": "?", "“": "``", "”": "''", "‘": "`", "’": "'", "–": "--", "—": "---", "‐": "-", "‑": "-", "−": "$-$", **SPACES,
+    "\N{REPLACEMENT CHARACTER}": "?", "“": "``", "”": "''", "‘": "`", "’": "'", "–": "--", "—": "---", "‐": "-",
+    "‑": "-", "−": "$-$", **SPACES,
     **{sign: rf"$\{command}$" for sign, command in MATHEMATICS.items()},
     **{sign: rf"\{command}{{}}" for sign, command in LETTERS.items()},
     **{sign: f"$^{{{digit}}}$" for sign, digit in _POWERS.items()},
@@ -106,7 +107,7 @@ def _ascii(sign: str, text: str) -> str:
     """What is written for one sign of a text."""
     if sign in SIGNS or " " <= sign <= "~":
         return SIGNS.get(sign, sign)
-    letter, *accents = unicodedata.normalize("NFD", sign)
+    letter, *accents = list(unicodedata.normalize("NFD", sign))
     if not accents or not letter.isascii() or not letter.isalpha() or not set(accents) <= set(ACCENTS):
         raise InputError(f"paper: found the sign {sign!r} (U+{ord(sign):04X}) in {text!r}; expected signs that LaTeX "
                          "can print: Latin letters, also with accents, Greek ones and common mathematics")

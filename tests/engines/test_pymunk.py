@@ -1,5 +1,7 @@
 """pymunk alone: distance drives, guides that hold angles, loops."""
 
+from importlib.metadata import version
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,9 @@ def test_a_load_of_a_millisecond_moves_the_slider_when_it_acts(engine):
     run = engine.simulate(load_scene("hard/break-away-for-a-millisecond"), t_end=5.7, dt=1e-3, output_step=1e-3)
     moved = np.abs(run["slider.x"] - run["slider.x"][0]) > 1e-9
     assert 5.6248 <= run.t[moved.argmax()] <= 5.6278  # the truth's break-away, and three steps
+
+
+def test_the_version_is_that_of_the_installed_package(monkeypatch):
+    """That of the wheel 7.0.0 says 2.0.0 of itself."""
+    monkeypatch.setattr("pymunk.version", "2.0.0")
+    assert load_engine("pymunk").version == version("pymunk")

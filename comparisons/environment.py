@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import platform
 import subprocess
@@ -20,6 +21,8 @@ UNKNOWN = "the system does not tell"
 CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
 """Caches of the first processor on Linux."""
 ROOT = Path(__file__).resolve().parent.parent
+BUILT_FROM = Path(__file__).with_name("built_from.json")
+"""Commit of the checkout that an installation was built from: ``setup.py`` writes it into the package."""
 
 
 def origin() -> dict[str, Any]:
@@ -85,9 +88,15 @@ def conditions() -> str:
 
 
 def commit() -> dict[str, Any] | None:
-    """Return the commit of the checkout and whether files in it differ; None outside of a checkout."""
+    """Return the commit of the checkout, or that which an installation was built from, and whether files in it differ.
+
+    None for an installation from something else than a checkout, such as an archive.
+    """
     if not (ROOT / ".git").exists():
-        return None
+        try:
+            return json.loads(BUILT_FROM.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
     try:
         head, changes = (subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=True,
                                         timeout=20).stdout.strip()

@@ -118,7 +118,7 @@ def _simulate(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Trajec
 
 def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,  # noqa: C901 - one loop of messages
             on_result: Callable[[Outcome], None] | None = None,
-            on_note: Callable[[str], None] | None = None) -> list[Outcome]:
+            on_note: Callable[[str], None] | None = None, kept: IdleChildren | None = None) -> list[Outcome]:
     """Call each task's function in a child process.
 
     Parameters
@@ -131,6 +131,8 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         Called in this process with each outcome as it comes in. What it raises ends the campaign.
     on_note
         Called in this process with each line that a child logs on the way, such as what it has to compile.
+    kept
+        Children that an earlier call has left, used first; those of this call are left there. None to end them.
 
     Returns
     -------
@@ -149,7 +151,8 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
 
     Notes
     -----
-    Whatever ends this call, an interrupt included, and another one behind it, no child outlives it. If this process
+    Whatever ends this call, an interrupt included, and another one behind it, no child outlives it, unless it is idle
+    and `kept`. If this process
     itself is killed, its children leave as soon as their engine lets Python run.
     """
     workers = (os.cpu_count() or 1) if workers is None else workers
@@ -158,7 +161,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
     calls = [pickle.dumps((task.function, task.args)) for task in tasks]
     waiting = deque(range(len(tasks)))
     outcomes: dict[int, Outcome] = {}
-    children: list[_Child] = []
+    children: list[_Child] = [] if kept is None else kept.take(min(workers, len(tasks)))
     failed_starts = 0
 
     def feed(child: _Child) -> None:
@@ -175,7 +178,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         try:
             while len(outcomes) < len(tasks):
                 while len(children) < min(workers, len(tasks) - len(outcomes)):
-                    children.append(_Child(Path(folder)))
+                    children.append(_Child(Path(folder if kept is None else kept.folder)))
                 for child in children:
                     feed(child)
                 patience = min(child.deadline for child in children) - time.monotonic()
@@ -203,7 +206,8 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         finally:
             end()
             for child in children:
-                child.kill()
+                if kept is None or not kept.leave(child):
+                    child.kill()
     return [outcomes[index] for index in range(len(tasks))]
 
 
@@ -287,6 +291,50 @@ class _Child:
         self._process.kill()
         self._process.join()
         self.connection.close()
+
+
+class IdleChildren:
+    """Children without a task, for the next call of `isolate` in this process.
+
+    A child imports and loads kernels for a second or two, many times as long as a short run takes. Those that no call
+    has used for `idle_s` seconds are ended, since each has some 200 MB of memory. All end with this process.
+    """
+
+    def __init__(self, idle_s: float = 30.0):
+        self._place = tempfile.TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True)
+        self._idle_s = idle_s
+        self._lock = threading.Lock()
+        self._children: list[_Child] = []
+        self._timer: threading.Timer | None = None
+
+    @property
+    def folder(self) -> str:
+        """Where the children have their temporary files."""
+        return self._place.name
+
+    def take(self, count: int) -> list[_Child]:
+        """Return so many children at most, which are no longer here."""
+        with self._lock:
+            taken, self._children = self._children[:count], self._children[count:]
+        return taken
+
+    def leave(self, child: _Child) -> bool:
+        """Keep a child, unless it has a task or has not started yet; then return False."""
+        if not child.idle:
+            return False
+        with self._lock:
+            self._children.append(child)
+            if self._timer is not None:
+                self._timer.cancel()
+            self._timer = threading.Timer(self._idle_s, self.end)
+            self._timer.daemon = True
+            self._timer.start()
+        return True
+
+    def end(self) -> None:
+        """End the children that are here."""
+        for child in self.take(len(self._children)):
+            child.kill()
 
 
 def _end_of_process(code: int | None) -> str:

@@ -1,5 +1,6 @@
 """What a wheel installs: one name, nothing left behind, and it runs in any folder, whatever packages lie there."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -9,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from stiction.comparisons import environment
 
 ROOT = Path(__file__).parent.parent
 FOLDERS = ("scenes", "reference_impl", "engines", "comparisons", "reports")
@@ -60,6 +63,47 @@ def test_every_file_is_installed(wheel):
             if path.is_file() and "__pycache__" not in path.parts}
     here |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "stiction").rglob("*.py")} | {"stiction/py.typed"}
     assert here == {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+
+
+def test_an_installation_from_a_checkout_knows_its_commit(tmp_path):
+    """Nothing is written into the sources, and an archive without git has no commit."""
+    source = tmp_path / "source"
+    for name in ("stiction", *FOLDERS):
+        shutil.copytree(ROOT / name, source / name, ignore=lambda folder, names: [name for name in names if not (Path(folder) / name).is_dir() and not name.endswith(".py")])
+    for name in ("pyproject.toml", "README.md", "setup.py"):
+        shutil.copy(ROOT / name, source)
+    (source / ".gitignore").write_text("build/\n*.egg-info/\n")
+    identity = {"GIT_AUTHOR_NAME": "a", "GIT_AUTHOR_EMAIL": "a@b", "GIT_COMMITTER_NAME": "a", "GIT_COMMITTER_EMAIL": "a@b", "GIT_CONFIG_GLOBAL": os.devnull}
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", *words], cwd=source, check=True, capture_output=True, text=True, env={**os.environ, **identity}).stdout.strip()
+
+    def built(name: str) -> dict | None:
+        out = tmp_path / name
+        out.mkdir()
+        code = f"from setuptools.build_meta import build_wheel; build_wheel({str(out)!r})"
+        subprocess.run([sys.executable, "-c", code], cwd=source, check=True, capture_output=True, timeout=300)
+        [wheel] = out.glob("*.whl")
+        archive = zipfile.ZipFile(wheel)
+        file = "stiction/comparisons/built_from.json"
+        return json.loads(archive.read(file)) if file in archive.namelist() else None
+
+    git("init", "-q")
+    git("add", "-A")
+    git("commit", "-qm", "all of it")
+    assert built("clean") == {"hash": git("rev-parse", "HEAD"), "dirty": False} and git("status", "--porcelain") == ""
+    (source / "README.md").write_text("changed\n")
+    assert built("changed") == {"hash": git("rev-parse", "HEAD"), "dirty": True}
+    shutil.rmtree(source / ".git")
+    assert built("archive") is None
+
+
+def test_the_commit_of_an_installation_is_that_which_it_was_built_from(tmp_path, monkeypatch):
+    monkeypatch.setattr(environment, "ROOT", tmp_path)
+    monkeypatch.setattr(environment, "BUILT_FROM", tmp_path / "built_from.json")
+    assert environment.commit() is None and environment.origin()["commit"] is None
+    (tmp_path / "built_from.json").write_text('{"hash": "abc", "dirty": true}')
+    assert environment.commit() == {"hash": "abc", "dirty": True} and environment.origin()["commit"] == "abc-dirty"
 
 
 @pytest.fixture

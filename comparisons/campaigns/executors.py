@@ -10,18 +10,18 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from typing import Any
 
-from stiction.child_processes import undisturbed_end
+from stiction.child_processes import child_context, undisturbed_end
 from stiction.comparisons.environment import source_digest
-from stiction.engines.isolation import Isolate, Outcome, Task, isolate
+from stiction.engines.isolation import IdleChildren, Isolate, Outcome, Task, isolate
 from stiction.scenes import InputError
 
 EXPECTED = "expected processes, dask (a cluster on this machine) or dask:ADDRESS such as dask:tcp://host:8786"
 BATCH = 4
-"""Tasks that a worker is given at a time: neighbours often need the same truth, which their child finds once."""
+"""Tasks that a worker is given at a time, so that asking for them costs little. A worker that dies gives as many up."""
 
 
 def check_executor(name: str) -> None:
@@ -57,13 +57,15 @@ def open_isolate(name: str = "processes", workers: int | None = None) -> Iterato
             yield partial(_isolate_on, executor)
         finally:
             executor.shutdown(wait=False)  # Dask's way to cancel
+            # a worker that ends waits for its children, which do not end before it does
+            client.run(_end_idle_children, on_error="ignore")
 
 
 def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
                 on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
     from distributed.scheduler import KilledWorker
 
-    one_by_one = partial(isolate, workers=1, timeout_s=timeout_s)
+    one_by_one = partial(_isolate_at_worker, timeout_s=timeout_s)
     batches = [tasks[first:first + BATCH] for first in range(0, len(tasks), BATCH)]
     waiting: dict[Future[list[Outcome]], Sequence[Task]] = {}
     found: dict[Future[list[Outcome]], list[Outcome]] = {}
@@ -83,6 +85,21 @@ def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | Non
         for future in waiting:
             future.cancel()
     return [outcome for future in waiting for outcome in found[future]]
+
+
+def _isolate_at_worker(tasks: Sequence[Task], *, timeout_s: float) -> list[Outcome]:
+    """Make tasks one after the other in a child of this worker, which is kept for the next ones."""
+    return isolate(tasks, workers=1, timeout_s=timeout_s, kept=_idle_children())
+
+
+@cache
+def _idle_children() -> IdleChildren:
+    """Those of this process: a worker that runs several tasks at a time has as many."""
+    return IdleChildren()
+
+
+def _end_idle_children() -> None:
+    _idle_children().end()
 
 
 @contextmanager
@@ -120,5 +137,10 @@ def _check_workers(name: str, client: Any) -> None:
 
 
 def _worker() -> tuple[str, bool]:
-    """The digest of the code of the worker that calls it, and whether it is a process that may have no children."""
+    """The digest of the code of the worker that calls it, and whether it is a process that may have no children.
+
+    If it may, it begins to get ready for them.
+    """
+    if not multiprocessing.current_process().daemon:
+        child_context()
     return source_digest(), multiprocessing.current_process().daemon

@@ -42,10 +42,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from stiction.comparisons.atomic_files import NotWritten
 from stiction.comparisons.campaigns.measurement import Metric, Row
+from stiction.comparisons.campaigns.night_changes import engine_versions
 from stiction.comparisons.timing.calibration import TIME
 from stiction.scenes import StictionError
 
+PRIMARY_CODE = 0xFF
+"""Bits of SQLite's extended codes of errors that are the code of the kind."""
 FORMAT = 2
 """``PRAGMA user_version`` of the file."""
 
@@ -80,6 +84,11 @@ class History:
 
     def __init__(self, connection: sqlite3.Connection):
         self._connection = connection
+
+    @property
+    def connection(self) -> sqlite3.Connection:
+        """The connection, to read tables by queries of one's own."""
+        return self._connection
 
     def begin(self, campaign: str, digest: str, origin: Mapping[str, Any]) -> str:
         """Return the night to go on with: the last one, if it was cut off with the same digest, else a new one.
@@ -141,6 +150,16 @@ class History:
         """Return the `environment.origin` of its numbers."""
         return json.loads(self._connection.execute("SELECT origin FROM nights WHERE night = ?", (night,)).fetchone()[0])
 
+    def engines(self, night: str) -> dict[str, str]:
+        """Return the versions of the engines of a night, by name."""
+        return engine_versions(self._connection.execute(
+            "SELECT DISTINCT engine, version FROM runs WHERE night = ? ORDER BY rowid", (night,)))
+
+    def finished_before(self, night: str = "~") -> str | None:
+        """Return the last night before another one that is finished."""
+        return self._connection.execute("SELECT max(night) FROM nights WHERE finished IS NOT NULL AND night < ?",
+                                        (night,)).fetchone()[0]
+
     def last_finished(self) -> str | None:
         return self._connection.execute("SELECT max(night) FROM nights WHERE finished IS NOT NULL").fetchone()[0]
 
@@ -156,7 +175,10 @@ class History:
 
 @contextmanager
 def open_history(path: Path, write: bool = True) -> Iterator[History]:
-    """Open the history in a file, made if it is not there; raises `HistoryRefused` if the file cannot be used."""
+    """Open the history in a file, made if it is not there.
+
+    Raises `HistoryRefused` if the file cannot be used, and `NotWritten` if the disk is full: what is in there stays.
+    """
     if path.is_dir():
         raise HistoryRefused(f"{path}: found a folder; expected the file of a history, such as "
                              f"{path / 'history.sqlite'}")
@@ -165,7 +187,9 @@ def open_history(path: Path, write: bool = True) -> Iterator[History]:
         with closing(sqlite3.connect(address, uri=True, timeout=60.0)) as connection:
             _prepare(path, connection, write)
             yield History(connection)
-    except sqlite3.OperationalError as error:  # a full disk, above all: what is in there is still there
+    except sqlite3.OperationalError as error:
+        if error.sqlite_errorcode & PRIMARY_CODE in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
+            raise NotWritten(path, OSError(str(error))) from error
         raise HistoryRefused(f"{path}: {error}") from error
 
 

@@ -19,6 +19,7 @@ from stiction.comparisons.campaigns.campaign import Campaign
 from stiction.comparisons.campaigns.comparison import prepare
 from stiction.comparisons.campaigns.history import History, HistoryRefused, open_history
 from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, TRUTH, WAYS, PlannedRun, Row, row_of
+from stiction.comparisons.campaigns.night_changes import engine_versions, environment_changes
 from stiction.comparisons.campaigns.regression import SESSIONS, Finding, Times, compared, findings, verdict
 from stiction.comparisons.campaigns.tolerances import with_rounding
 from stiction.comparisons.digest import circumstances, digest
@@ -42,6 +43,8 @@ class Result:
 
     `compared` runs were compared with something; an interrupted run of the same night had made `resumed` rows. `random`
     has sentences on the random scenes, `first_nights` the nights with which runs without a baseline are compared.
+    `night_before` is the finished night before, empty if there is none, `changed` what is different since then
+    (`night_changes.environment_changes`).
     """
 
     name: str
@@ -55,6 +58,8 @@ class Result:
     resumed: int = 0
     random: str = ""
     first_nights: Mapping[str, str] = field(default_factory=dict)
+    night_before: str = ""
+    changed: tuple[str, ...] = ()
 
 
 class _Spent(Exception):
@@ -96,8 +101,10 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
             if len(sessions) >= SESSIONS and _times(row):
                 times[row.key] = Times(sessions[-SESSIONS:], sessions[:-SESSIONS])
         known, first_nights = _with_first_nights(baseline, rows, history, night)
+        night_before, changed = _since_night_before(history, night, here, rows)
         result = replace(_judged(night, campaign, rows, known, times, here, started), resumed=len(done),
-                         random=sentences_on_draws(rows), first_nights=first_nights)
+                         random=sentences_on_draws(rows), first_nights=first_nights, night_before=night_before,
+                         changed=changed)
         publish(result)
         history.finish(night, result.verdict)
     return result
@@ -112,14 +119,27 @@ def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = Non
     """
     started, here, runs = time.monotonic(), origin(), campaign.runs if whole else campaign.check_runs
     past: Mapping[tuple[str, str], Sequence[float]] = {}
+    rows = _measure(runs, campaign, isolate, on_start, on_result)
+    night_before, changed = "", tuple[str, ...]()
     if history is not None:
         with open_history(history, write=False) as nights:
             past = nights.times(here["conditions"])
-    rows = _measure(runs, campaign, isolate, on_start, on_result)
+            night_before, changed = _since_night_before(nights, "~", here, rows)
     times = {row.key: Times(_times(row), past.get((row.identity, row.engine), ())) for row in rows if _times(row)}
     timed = [run for run in runs if run.key in times]
     turns = {} if control is None else times_in_turns(timed, control, campaign.budget.run)
-    return _judged("check", campaign, rows, baseline, times, here, started, turns)
+    return replace(_judged("check", campaign, rows, baseline, times, here, started, turns), night_before=night_before,
+                   changed=changed)
+
+
+def _since_night_before(history: History, night: str, here: Mapping[str, Any],
+                        rows: Sequence[Row]) -> tuple[str, tuple[str, ...]]:
+    """The finished night before a night, and what changed since then; empty where there is none."""
+    before = history.finished_before(night)
+    if before is None:
+        return "", ()
+    engines = engine_versions((row.engine, row.version) for row in rows)
+    return before, tuple(environment_changes(history.origin(before), here, history.engines(before), engines))
 
 
 def _judged(name: str, campaign: Campaign, rows: Sequence[Row], baseline: Baseline, times: Mapping[str, Times],

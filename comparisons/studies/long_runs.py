@@ -377,11 +377,11 @@ def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
     over_step = [Series(choice.label, rows["step"].to_numpy(), rows[IN_SHORT].to_numpy(), look=choice.label,
                         points=True)
                  for choice in CHOICES if len(rows := ended[ended["choice"] == choice.label])]
-    title = f"(a) hollow: {1e3 * steps[0]:g} ms, full: {1e3 * steps[-1]:g} ms" if len(steps) > 1 else "(a)"
+    title = f"hollow: {1e3 * steps[0]:g} ms, full: {1e3 * steps[-1]:g} ms" if len(steps) > 1 else ""
     unstable = PAPERS.largest_step()
     panels = (Panel(title, Axis("time [s]", log=True, ticks=sorted(set(octaves["to [s]"]))),
                     Axis("drift, rms of an octave [m, rad]", log=True), over_time),
-              Panel("(b) largest in 24 s", Axis("step [s]", log=True, ticks=sorted(set(study["step"]))),
+              Panel("largest in 24 s", Axis("step [s]", log=True, ticks=sorted(set(study["step"]))),
                     Axis("drift, largest in 24 s [m, rad]", log=True), over_step, lines=(unstable,)))
     caption = (f"Constraint drift of the paper's scheme (the paper's Fig. 14, over a longer time), "
                f"{case_of(study['scene'].iloc[0])}: (a) over time, (b) over the step. In brackets alpha and beta, 1/s. "

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from stiction.engines.protocol import FIDELITIES, accepted
+from stiction.engines.protocol import FIDELITIES, accepted, installed_version
 from stiction.engines.pymunk.correction import Iteration, bias_of_share, constraint_rows, share_of_bias
 from stiction.engines.shared.contact_geometry import contact_refusal, crowded, slider_box, unlike_guides
 from stiction.engines.shared.fixed_step import Defaults, Sample, SteppedEngine, Stepper
@@ -92,9 +92,9 @@ class PymunkEngine(SteppedEngine):
 
     @property
     def version(self) -> str:
-        import pymunk
+        import pymunk  # noqa: F401 - an installation that cannot be imported has no version
 
-        return accepted("pymunk", pymunk.version)
+        return accepted("pymunk", installed_version("pymunk"))  # that of the wheel 7.0.0 says 2.0.0 of itself
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if fidelity == "contact" and (reason := contact_refusal(scene) or crowded(scene, MOST_GUIDES, "pymunk")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import singledispatch
+from textwrap import fill
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -17,8 +18,8 @@ from matplotlib.path import Path
 from stiction.comparisons.presentation import (BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap,
                                                MechanismPicture, Panel)
 from stiction.comparisons.results import Results
-from stiction.reports.figures.style import (COLORS, SHADE, TRUTH_COLOR, Drawing, Look, legend, letter, looks_of, narrow,
-                                            panels, tick_at, variants_of, width)
+from stiction.reports.figures.style import (COLORS, LEGEND_ROWS, SHADE, TALLEST, TRUTH_COLOR, Drawing, Look, legend,
+                                            letter, looks_of, narrow, panels, tick_at, variants_of, width)
 from stiction.scenes import load_scene
 from stiction.scenes.pictures.mechanism import drawing as mechanism_drawing
 
@@ -33,6 +34,14 @@ CELL = 0.155
 """Inches of a row of a heat map."""
 SIGN = 0.052
 """Inches of a sign of the names of its columns, on average."""
+LEGEND_ROW = 0.17
+"""Inches of a row of a legend."""
+COLUMN_PANEL = 1.65
+"""Inches of the height of a panel in one column, at most: its axes are then about as wide as two of its heights."""
+LEAST_PANEL = 1.2
+"""Inches of the height of a panel that a page of many rows leaves at least: room for four labels of its axis."""
+WORDS = 22
+"""Signs of a line of the words at an axis of categories in one column: they leave half of the width to the data."""
 TEXT = 1.2
 """Inches of the height of a mechanism's picture that labels take, at every width."""
 
@@ -52,6 +61,75 @@ def _looks_used(figure: Figure) -> list[str]:
     return list(dict.fromkeys(one.look for one in series))
 
 
+def in_one_column(figure: Figure) -> list[Figure]:
+    """Return the figures that show a figure in one column of a page: itself, or its parts, none above `TALLEST`."""
+    if isinstance(figure, Chart):
+        height = min(figure.height, COLUMN_PANEL)
+        return _named([replace(figure, panels=some, columns=1, height=height)
+                       for some in _panels_of_parts(figure, height)], figure)
+    if isinstance(figure, HeatMap):
+        return _named(list(_parts_of_map(figure)), figure)
+    return [figure]
+
+
+def _named(parts: Sequence[Chart | HeatMap], figure: Chart | HeatMap) -> list[Figure]:
+    """Parts with a name and a caption of their own; a single one is the figure itself."""
+    if len(parts) <= 1:
+        return list(parts or [figure])
+    first_sentence, count = figure.caption.partition(". ")[0].rstrip("."), len(parts)
+    named: list[Figure] = []
+    for number, part in enumerate(parts, 1):
+        caption = (f"{figure.caption} Part 1 of {count}." if number == 1 else
+                   f"{first_sentence}, continued: part {number} of {count}.")
+        named.append(replace(part, name=f"{figure.name}-{number}", caption=caption))
+    return named
+
+
+def _panels_of_parts(chart: Chart, height: float) -> Iterator[list[Panel]]:
+    """The panels of each part, whole rows of the chart where they fit.
+
+    Each panel has the labels of its row and column, which stand at the edges of the chart alone.
+    """
+    across = min(chart.columns, len(chart.panels)) or 1
+    labelled = []
+    for number, panel in enumerate(chart.panels):
+        first = chart.panels[number - number % across]
+        last = chart.panels[number + across * ((len(chart.panels) - 1 - number) // across)]
+        y_label = "" if len(panel.y.words) else panel.y.label or first.y.label
+        labelled.append(replace(panel, x=replace(panel.x, label=panel.x.label or last.x.label),
+                                y=replace(panel.y, label=y_label)))
+    labels = {one.label for panel in chart.panels for one in panel.series if one.label}
+    room = TALLEST - LEGEND - MARGIN - LEGEND_ROW * max(0, len(labels) - LEGEND_ROWS)
+    most = max(1, int(room / height))
+    size, rows = (most // across * across, [labelled]) if across <= most else (
+        most, [labelled[start:start + across] for start in range(0, len(labelled), across)])
+    for row in rows:
+        for start in range(0, len(row), size):
+            yield row[start:start + size]
+
+
+def _parts_of_map(heat: HeatMap) -> Iterator[HeatMap]:
+    """Parts of a map, each of so many rows as fit; a group that is divided has its heading in both."""
+    most = int((TALLEST - LEGEND - SIGN * max(map(len, heat.columns), default=0)) / CELL)
+    taken: list[int] = []
+    groups: dict[str, int] = {}
+    number = 0
+    for heading, count in (heat.groups or {"": len(heat.rows)}).items():
+        for _ in range(count):
+            if len(taken) + len(groups) + (heading not in groups) >= most:
+                yield _rows_of(heat, taken, groups)
+                taken, groups = [], {}
+            taken.append(number)
+            groups[heading] = groups.get(heading, 0) + 1
+            number += 1
+    yield _rows_of(heat, taken, groups)
+
+
+def _rows_of(heat: HeatMap, rows: Sequence[int], groups: Mapping[str, int]) -> HeatMap:
+    return replace(heat, rows=[heat.rows[row] for row in rows], cells=[heat.cells[row] for row in rows],
+                   groups=dict(groups) if heat.groups else {})
+
+
 @singledispatch
 def draw(figure: Figure, looks: Mapping[str, Look]) -> Drawing:
     """Draw a figure of a kind that this renderer knows; TypeError for another kind."""
@@ -62,7 +140,8 @@ def draw(figure: Figure, looks: Mapping[str, Look]) -> Drawing:
 def _(chart: Chart, looks: Mapping[str, Look]) -> Drawing:
     columns = 1 if narrow() else min(chart.columns, len(chart.panels))
     rows = -(-len(chart.panels) // columns)
-    height = LEGEND + MARGIN + rows * chart.height
+    room = max(LEAST_PANEL, (TALLEST - LEGEND - MARGIN) / max(rows, 1))
+    height = LEGEND + MARGIN + rows * min(chart.height, room)
     figure, axes = panels(rows, columns, height, sharex=chart.share_x, sharey=chart.share_y)
     handles: dict[str, Artist] = {}
     for ax, panel in zip(axes.flat, chart.panels):
@@ -108,7 +187,8 @@ def _set_axis(name: str, axis: MatplotlibAxis, about: Axis) -> None:
     if about.log:
         axis.axes.set(**{f"{name}scale": "log"})
     if len(about.words):
-        axis.set_ticks(list(about.ticks), list(about.words))
+        words = [fill(word, WORDS, break_on_hyphens=False) for word in about.words] if narrow() else list(about.words)
+        axis.set_ticks(list(about.ticks), words)
         axis.set_tick_params(which="both", length=0)
     elif len(about.ticks):
         tick_at(axis, about.ticks)

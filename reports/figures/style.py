@@ -24,10 +24,12 @@ from stiction.child_processes import child_context
 from stiction.comparisons.atomic_files import whole_file
 from stiction.comparisons.results import Results
 from stiction.scenes import InputError
-from stiction.scenes.pictures.picture import RC, Picture, write_figure
+from stiction.scenes.pictures.picture import RC, Picture, fit_labels, write_figure
 
 COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}
 """Widths of figures, inches: one column (84 mm) and both (174 mm) of a journal page; type is printed in its size."""
+TALLEST = 200 / 25.4
+"""Height of a figure in one column, inches: with its caption it fits on a page of A4 or letter."""
 DPI = 200
 KINDS = ("svg", "pdf")
 """Kinds of files of a figure: for reports and pages, and for papers."""
@@ -186,7 +188,7 @@ def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double",
 def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable[str] = KINDS) -> None:
     """Write one figure; without dates, so that the same data give the same bytes."""
     with rc(column):
-        drawing.figure.draw_without_rendering()
+        fit_labels(drawing.figure)
         drawing.figure.set_layout_engine(None)  # positions are found; finding them again for each file doubles the time
         for kind in kinds:
             with whole_file(folder / f"{drawing.name}.{kind}") as file:

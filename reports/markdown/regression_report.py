@@ -12,10 +12,11 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.atomic_files import make_folder, write_text
-from stiction.comparisons.campaigns.measurement import RANDOM, Row
+from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, Row
 from stiction.comparisons.campaigns.nightly import Result
 from stiction.comparisons.campaigns.regression import (BETTER, COULD_NOT_RUN, FINE, NEW, NOT_JUDGED, NOTHING,
                                                        REGRESSION, Finding)
+from stiction.comparisons.methods import MISSING_ENGINE
 from stiction.comparisons.presentation.cells import cell
 from stiction.reports.markdown.failures import grouped
 from stiction.reports.markdown.tables import markdown
@@ -31,28 +32,72 @@ _UPDATE = '`stiction baseline update --reason ".."`'
 
 def check_report(result: Result) -> str:
     """Write a verdict and a table, worst first, fit for a pull request."""
-    return f"**{_TITLES[result.verdict]}** ({_counts(result)})\n\n{changes(result.findings)}\n"
+    return f"{_list(summary_lines(result))}\n\n{changes(result.findings)}\n"
+
+
+def summary_lines(result: Result) -> list[str]:
+    """Return the five lines that stand first: verdict, worst finding, environment, time and what was not run."""
+    again = f", {result.resumed} of the runs from a call that was interrupted" if result.resumed else ""
+    environment = ("there is no night before" if not result.night_before else
+                   f"since the night {result.night_before}: {'; '.join(result.changed) or 'nothing changed'}")
+    return [f"**{_TITLES[result.verdict]}** ({_counts(result)})", f"Worst finding: {_worst(result.findings)}",
+            f"Environment: {environment}", f"Time: {result.wall_s:.0f} s{again}", f"Not run: {_not_run(result.rows)}"]
+
+
+def _worst(findings: Sequence[Finding]) -> str:
+    worst = next((finding for finding in findings if finding.severity != NEW and not _is_absent(finding)), None)
+    if worst is None:
+        return "none"
+    now = _value(worst, worst.now)
+    change = now if worst.before is None else f"{_value(worst, worst.before)} -> {now}"
+    return f"{worst.severity}, {worst.metric or worst.kind} of {worst.key}: {change}; {worst.reason}"
+
+
+def _not_run(rows: Sequence[Row]) -> str:
+    """Engines that are not installed, and runs that there was no time for or that were interrupted."""
+    missing = Counter(row.engine for row in rows if row.status == MISSING_ENGINE)
+    reasons = Counter(row.reason for row in rows if row.status == NOT_RUN)
+    absent = ", ".join(f"{engine} ({runs(count)})" for engine, count in missing.items())
+    parts = [f"not installed: {absent}"] if absent else []
+    parts += [f"{runs(count)}: {reason}" for reason, count in reasons.items()]
+    return "; ".join(parts) or "nothing, every run was made"
+
+
+def runs(count: int) -> str:
+    """A number of runs in words."""
+    return f"{count} run{'s' * (count != 1)}"
+
+
+def _is_absent(finding: Finding) -> bool:
+    """It says no more than that an engine of the extras is not installed."""
+    return finding.severity == NOT_JUDGED and finding.kind == "status" and finding.now == MISSING_ENGINE
+
+
+def _list(lines: Sequence[str]) -> str:
+    """The verdict, and the other lines as a list below it."""
+    verdict, *others = lines
+    return f"{verdict}\n\n" + "\n".join(f"- {line}" for line in others)
 
 
 def night_report(result: Result) -> str:
     """Write the text of `REPORT`."""
     failed = pd.DataFrame([{"scene": row.scene, "variant": row.variant, "step": row.step, "reason": row.reason,
-                            "status": "incomplete" if row.status == "ok" else row.status} for row in _failed(result)])
+                            "status": "incomplete" if row.status == "ok" else row.status}
+                           for row in _failed(result) if row.status != MISSING_ENGINE])
     measured = [row for row in result.rows if row.metrics]
     numbers = pd.DataFrame([{"run": row.key, "truth": _tiers(row),
                              **{metric.name: metric.value for metric in row.metrics if metric.kind != "counter"}}
                             for row in measured if row.parameter and row.variant != RANDOM])
-    origin, resumed = result.origin, result.resumed
+    origin = result.origin
     engines = sorted({f"{row.engine} {row.version}" for row in measured if row.version})
     here = {**origin["versions"], **origin["machine"], "commit": origin["commit"] or "not in a checkout",
             "campaign": result.campaign.name, "engines": ", ".join(engines)}
     return "\n\n".join([
         f"# Night of {result.name}: {_TITLES[result.verdict]}",
-        f"{_counts(result)}, in {result.wall_s:.0f} s."
-        + (f" {resumed} of them are from a run of this night that was interrupted." if resumed else ""),
+        _list(summary_lines(result)),
         "## What changed", changes(result.findings),
         *(["## Random scenes", result.random] if result.random else []),
-        "## What failed", markdown(grouped(failed)) if len(failed) else "Nothing: all runs succeeded.",
+        "## What failed", markdown(grouped(failed)) if len(failed) else "Nothing: all runs that were made succeeded.",
         "## Numbers", "Of every run that succeeded, with the tier of the truth; counters and uncertainties are in the "
         "history.", markdown(numbers), "## Provenance",
         markdown(pd.DataFrame(here.items(), columns=["what", "value"]))]) + "\n"
@@ -64,13 +109,13 @@ def changes(findings: Sequence[Finding]) -> str:
     What is merely new is counted, and so are the runs of extras that are not installed, below the table.
     """
     groups: dict[tuple[str, ...], list[Finding]] = {}
-    absent: Counter[str] = Counter()
+    absent = Counter(finding.reason for finding in findings if _is_absent(finding))
     for finding in findings:
-        if finding.severity == NOT_JUDGED and finding.now == "missing":
-            absent[finding.reason] += 1
-        elif finding.severity != NEW:
-            variant = finding.key.partition("/")[2].rpartition("/")[0]
-            groups.setdefault((finding.severity, finding.kind, finding.metric, variant), []).append(finding)
+        if finding.severity != NEW and not _is_absent(finding):
+            # one row for all variants of an engine that is not installed
+            about = (finding.reason if finding.now == MISSING_ENGINE
+                     else finding.key.partition("/")[2].rpartition("/")[0])
+            groups.setdefault((finding.severity, finding.kind, finding.metric, about), []).append(finding)
     rows = [{"": worst.severity, "what": worst.metric or worst.kind, "worst run": worst.key,
              "baseline": _value(worst, worst.before), "now": _value(worst, worst.now), "why": worst.reason,
              "runs": 1 + len(others)}
@@ -80,7 +125,7 @@ def changes(findings: Sequence[Finding]) -> str:
         lines.append(f"and {len(groups) - SHOWN} more lines, none worse than these.")
     if new := sum(finding.severity == NEW for finding in findings):
         lines.append(f"{new} runs or numbers are not in the baseline; {_UPDATE} adds them.")
-    lines += [f"{count} runs of an engine that is not installed: {reason}." for reason, count in absent.items()]
+    lines += [f"{runs(count)} of an engine that is not installed: {reason}." for reason, count in absent.items()]
     if any(finding.severity == BETTER for finding in findings):
         lines.append(f"What has become better is no failure; {_UPDATE} makes it what is expected from now on.")
     return "\n\n".join(lines)
@@ -93,6 +138,7 @@ def summary(result: Result, exit_code: int) -> dict[str, Any]:
     return {"verdict": result.verdict, "exit code": exit_code, "name": result.name, "campaign": result.campaign.name,
             "runs": dict(Counter(row.status for row in result.rows)), "compared": result.compared,
             "held to the first night": dict(result.first_nights), "resumed": result.resumed,
+            "lines": summary_lines(result), "night before": result.night_before, "changed": list(result.changed),
             "wall [s]": round(result.wall_s, 1), "random": result.random, "findings": findings,
             "lost": [{"key": row.key, "status": row.status, "reason": row.reason} for row in _failed(result)],
             "origin": dict(result.origin)}

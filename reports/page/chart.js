@@ -2,6 +2,7 @@
 "use strict";
 
 const ROOM = {left: 62, right: 10, top: 6, bottom: 22};  // px around the lines of a panel
+const FLAG = "#d00000";  // of what has become worse
 const LEAST_DRAG = 8;  // px; less is a click
 
 // Round numbers within a range, about so many; for logarithms whole decades.
@@ -19,7 +20,7 @@ const powerOfTen = power => "10" + [...String(power)].map(sign => SUPERSCRIPTS[s
 const shortNumber = (value, digits) => Math.abs(value) >= 1e5 || digits > 4 ? value.toExponential(1).replace("e+", "e") : value.toFixed(digits);
 
 class Chart {
-  // view: {x: {label, range, names?}, modes: [{name, panels: [{label, log, range}]}], series: [{name, color, dash, marker, shown, about?, x: [..], y: [[..]], error?}],
+  // view: {x: {label, range, names?, short?}, modes: [{name, panels: [{label, log, range}]}], series: [{name, color, dash, marker, shown, about?, flags?, x: [..], y: [[..]], error?}],
   // shades}; x and y are places in `columns`, by mode and panel.
   constructor(element, view, columns, moved) {
     Object.assign(this, {element, view, columns, moved, cursor: null});
@@ -137,10 +138,23 @@ class Chart {
       }
       context.stroke();
       if (series.marker) for (let i = 0; i < times.length; i++) if (!Number.isNaN(values[i])) context.fillRect(x(times[i]) - 2.5, y(values[i]) - 2.5, 5, 5);
+      this.drawFlags(context, series, times, values, x, value => Number.isNaN(value) ? ROOM.top + height - 8 : y(value));
     }
     context.restore();
     const [from, to] = this.range.map(end => this.view.x.names?.[Math.round(end)] ?? +end.toPrecision(6));
     canvas.setAttribute("aria-label", `${panel.label} over ${this.view.x.label} from ${from} to ${to}: ${drawn.map(([series]) => series.name).reverse().join("; ")}`);
+  }
+
+  // Red rings around the samples that a series is flagged at; at the lower edge where there is no value.
+  drawFlags(context, series, times, values, x, y) {
+    context.strokeStyle = FLAG;
+    context.lineWidth = 2;
+    context.setLineDash([]);
+    for (const i of series.flags ?? []) {
+      context.beginPath();
+      context.arc(x(times[i]), y(values[i]), 7, 0, 2 * Math.PI);
+      context.stroke();
+    }
   }
 
   drawAxes(context, color, place, {width, height, x, y}) {
@@ -164,7 +178,7 @@ class Chart {
       context.lineTo(x(at), bottom + 4);
       context.stroke();
       context.textAlign = x(at) > ROOM.left + width - 20 ? "right" : "center";
-      context.fillText(names ? (names[at] ?? "").slice(0, 10) : shortNumber(at, digits), x(at), bottom + 6);
+      context.fillText(names ? ((this.view.x.short ?? names)[at] ?? "") : shortNumber(at, digits), x(at), bottom + 6);
     }
     context.strokeStyle = color("quiet");
     context.strokeRect(ROOM.left, ROOM.top, width, height);
@@ -221,7 +235,8 @@ class Chart {
       const row = rowAt(times, at), next = Math.min(row + 1, times.length - 1), share = next > row ? (at - times[row]) / (times[next] - times[row]) : 0;
       const near = values[share > 0.5 ? next : row];
       const value = log ? 10 ** near : this.view.x.names ? near : values[row] + share * (values[next] - values[row]);
-      return at > times.at(-1) + 1e-9 ? [] : [[series.name, Number.isNaN(value) ? "–" : value.toPrecision(this.mode.digits), series, series.about ?? ""]];
+      const about = [series.about ?? "", ...(series.flags?.includes(share > 0.5 ? next : row) ? ["regression"] : [])].filter(Boolean).join(", ");
+      return at > times.at(-1) + 1e-9 ? [] : [[series.name, Number.isNaN(value) ? "–" : value.toPrecision(this.mode.digits), series, about]];
     });
   }
 

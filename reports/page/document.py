@@ -75,6 +75,11 @@ def items(texts: Iterable[str]) -> str:
     return f"<ul>{''.join(f'<li>{_bold(text)}</li>' for text in texts)}</ul>"
 
 
+def link(text: str, target: str) -> str:
+    """Write a paragraph that leads to a file beside the page."""
+    return f'<p><a href="{escape(target)}">{escape(text)}</a></p>'
+
+
 def _bold(text: str) -> str:
     return re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", escape(text))
 
@@ -85,8 +90,8 @@ def details(summary: str, content: str) -> str:
 
 
 def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]], right: Sequence[bool],
-          links: Sequence[str] = ()) -> str:
-    """Write a table of text; `links`: where the last cell of each row leads."""
+          links: Sequence[str] = (), linked: int = -1) -> str:
+    """Write a table of text; `links`: where the cell of the column `linked` leads in each row, empty for nowhere."""
     def cell(kind: str, text: str, number: bool, scope: str = "", link: str = "") -> str:
         kinds = " class=n" if number else ' class="long"' if len(text) > LONG else ""
         shown = f'<a href="{escape(link)}">{escape(text)}</a>' if link else escape(text)
@@ -95,9 +100,10 @@ def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]], rig
     head = "".join(cell("th", text, number, ' scope="col"') for text, number in zip(heads, right))
     lines = []
     for place, row in enumerate(rows):
-        *texts, last = row
-        cells = [cell("td", text, number) for text, number in zip(texts, right)]
-        cells.append(cell("td", last, right[-1], link=links[place] if links else ""))
+        texts = list(row)
+        targets = [""] * len(texts)
+        targets[linked] = links[place] if links else ""
+        cells = [cell("td", text, number, link=target) for text, number, target in zip(texts, right, targets)]
         lines.append(f"<tr>{''.join(cells)}</tr>")
     label = escape(caption)
     return (f'<div class="table" tabindex="0" role="region" aria-label="{label}"><table>'

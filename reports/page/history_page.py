@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-import sqlite3
-from contextlib import closing
+import json
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import pandas as pd
 
 from stiction.comparisons.atomic_files import write_text
-from stiction.comparisons.campaigns.history import open_history
+from stiction.comparisons.campaigns.history import History, open_history
+from stiction.comparisons.campaigns.night_changes import environment_changes
+from stiction.comparisons.campaigns.regression import BETTER, COULD_NOT_RUN, REGRESSION
+from stiction.comparisons.methods import MISSING_ENGINE
 from stiction.comparisons.presentation.cells import setting_of
-from stiction.reports.page.document import View, chart, document, paragraph, table
+from stiction.reports.markdown.regression_report import REPORT, SUMMARY
+from stiction.reports.page.document import View, chart, document, items, link, paragraph, table
 from stiction.scenes.pictures.picture import CYCLE
 from stiction.scenes.pictures.web import LONG, Columns
 
@@ -22,47 +31,158 @@ DASHES = ((), (6, 3), (2, 3), (8, 3, 2, 3), (14, 4), (14, 4, 2, 4))
 """Dashes of lines, px, by step size or tolerance of a variant."""
 HINT = "Drag to zoom, double-click to reset; with the keyboard +, - and 0."
 MOST_FAILED = 200
-"""Failed runs are listed up to this number, the latest first."""
+"""Kinds of failures are listed up to this number, the latest first."""
+SHOWN_SEVERITIES = (REGRESSION, COULD_NOT_RUN, BETTER)
+"""Severities of findings that the page opens on."""
+
+
+@dataclass(frozen=True)
+class _Night:
+    """What the folder of a night says, as `stiction.reports.markdown.regression_report` wrote it.
+
+    `regressions` are metric and key of what has become worse, without a metric where the whole run has; `worst` those
+    of the worst finding. All of it is empty where there is no such folder beside the history.
+    """
+
+    lines: tuple[str, ...] = ()
+    worst: tuple[str, str] | None = None
+    worst_words: str = ""
+    regressions: frozenset[tuple[str, str]] = frozenset()
+    report: Path | None = None
 
 
 def write_history_page(history: Path, file: Path) -> None:
-    """Write the page of a history; the same history gives the same bytes. HistoryRefused if `history` is none."""
-    with open_history(history, write=False):
-        pass  # it is one, of this format
-    with closing(sqlite3.connect(f"{history.absolute().as_uri()}?mode=ro", uri=True)) as connection:
-        rows = pd.read_sql("SELECT * FROM history", connection)
+    """Write the page of a history; the same history gives the same bytes. HistoryRefused if `history` is none.
+
+    Verdicts in words and regressions are those of the folders of nights beside the history.
+    """
+    with open_history(history, write=False) as opened:
         nights = pd.read_sql("SELECT night, campaign, machine, commit_hash, finished, verdict FROM nights "
-                             "ORDER BY night", connection)
+                             "ORDER BY night", opened.connection)
+        rows = pd.read_sql("SELECT * FROM history", opened.connection)
+        names = list(nights["night"])
+        changed = _changes(opened, names)
+    told = {night: _read(history.parent / night.replace(":", "")) for night in names}
     rows["failed"] = (rows["status"] != "ok") | (rows["reason"] != "")
-    runs = rows.drop_duplicates(["night", "key"])
-    sections = {}
-    known = rows[rows["value"].notna()]
-    if len(known):
-        commits = rows.dropna(subset="commit_hash").drop_duplicates("night").set_index("night")["commit_hash"]
-        notes = [f"commit {commit}" for commit in commits.reindex(nights["night"]).fillna("–")]
-        views = [_view(tuple(map(str, labels)), part, list(nights["night"]), notes)
-                 for labels, part in known.groupby(["metric", "scene"], sort=False)]
-        sections["Course over the nights"] = [
-            paragraph("One line per variant and step size or tolerance. Errors, drift and times are drawn in "
-                      "logarithms where all are > 0; a gap is a night in which the run failed. Times of different "
-                      "machines are different lines."),
-            chart("course", ("Metric", "Scene"), views, HINT)]
-    made, shown = runs.groupby("night")["failed"], nights.fillna("–").iloc[::-1]
-    counts = {"runs": made.size(), "whole": made.size() - made.sum()}
-    for name, count in counts.items():
-        shown[name] = shown["night"].map(count).fillna(0).astype(int).map(str)
-    sections["Nights"] = [table("The nights, the latest first; whole: runs that succeeded and reached their end.",
-                                list(shown), shown.itertuples(index=False), [name in counts for name in shown])]
-    failed = runs.loc[runs["failed"], ["night", "key", "status", "reason"]]
-    if len(failed):
-        shown = failed.sort_values("night", ascending=False, kind="stable").head(MOST_FAILED)
-        caption = f"{len(failed)} runs, the latest {len(shown)} of them."
-        sections["What failed"] = [table(caption, list(shown), shown.itertuples(index=False), [False] * 4)]
-    subtitle = f"{len(nights)} nights, {rows['key'].nunique()} runs each at most"
+    sections: dict[str, list[str]] = {}
+    if names:
+        sections["The newest night"] = _newest(names[-1], nights["verdict"].iloc[-1], told[names[-1]],
+                                               changed[names[-1]], file)
+    if rows["value"].notna().any():
+        sections["Course over the nights"] = _course(rows, nights, told)
+    sections["Nights"] = [_nights_table(rows, nights, changed, told, file)]
+    if failures := _failures(rows):
+        sections["What failed"] = failures
+    runs = rows["key"].nunique()
+    subtitle = f"{len(nights)} night{'s' * (len(nights) != 1)}, {runs} run{'s' * (runs != 1)} each at most"
     write_text(file, document("History of the nights", subtitle, sections))
 
 
-def _view(labels: tuple[str, ...], rows: pd.DataFrame, nights: list[str], notes: list[str]) -> View:
+def _read(folder: Path) -> _Night:
+    """What a night's folder says, if it is there."""
+    try:
+        summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        return _Night()
+    shown = [finding for finding in summary["findings"] if finding["severity"] in SHOWN_SEVERITIES]
+    worse = frozenset((finding["metric"], finding["key"]) for finding in shown if finding["severity"] == REGRESSION)
+    worst = (shown[0]["metric"], shown[0]["key"]) if shown else None
+    words = " of ".join(filter(None, (shown[0]["metric"] or shown[0]["kind"], shown[0]["key"]))) if shown else ""
+    return _Night(tuple(summary.get("lines", ())), worst, words, worse, folder / REPORT)
+
+
+def _changes(history: History, nights: Sequence[str]) -> dict[str, str]:
+    """What changed since the night before, of each night."""
+    found = dict.fromkeys(nights, "")
+    for before, night in pairwise(nights):
+        found[night] = "; ".join(environment_changes(history.origin(before), history.origin(night),
+                                                     history.engines(before), history.engines(night))) or "nothing"
+    return found
+
+
+def _newest(night: str, verdict: str | None, told: _Night, changed: str, file: Path) -> list[str]:
+    """What is to be known of the newest night: its five lines, and the way to its report."""
+    lines = told.lines or (f"**{verdict or 'not finished'}**",
+                           f"Environment: since the night before: {changed or 'there is none'}")
+    blocks = [paragraph(night), items(lines)]
+    if told.report is not None:
+        blocks.append(link("Report of this night", _path(told.report, file)))
+    return blocks
+
+
+def _path(target: Path, page: Path) -> str:
+    """The way from a page to a file, as a link."""
+    return quote(Path(os.path.relpath(target.absolute(), page.absolute().parent)).as_posix())
+
+
+def _course(rows: pd.DataFrame, nights: pd.DataFrame, told: Mapping[str, _Night]) -> list[str]:
+    """The chart of all numbers, what the worst finding of the newest night is about first."""
+    names, known = list(nights["night"]), rows[rows["value"].notna()]
+    commits = rows.dropna(subset="commit_hash").drop_duplicates("night").set_index("night")["commit_hash"]
+    notes = [f"commit {commit}" for commit in commits.reindex(names).fillna("–")]
+    views = [_view(tuple(map(str, labels)), part, names, notes, told)
+             for labels, part in known.groupby(["metric", "scene"], sort=False)]
+    if (worst := told[names[-1]].worst) is not None:
+        metric, key = worst
+        scene = rows.loc[rows["key"] == key, "scene"].head(1).to_list()
+
+        def distance(view: View) -> int:
+            """0 for the view of the worst finding; where it has no metric, for those of its scene."""
+            return (view.labels[1] not in scene) + 2 * (metric != "" and view.labels[0] != metric)
+
+        views.sort(key=distance)
+    return [paragraph("One line per variant and step size or tolerance; a red ring is a regression. Errors, drift and "
+                      "times are drawn in logarithms where all are > 0; a gap is a night in which the run failed. "
+                      "Times of different machines are different lines."),
+            chart("course", ("Metric", "Scene"), views, HINT)]
+
+
+def _nights_table(rows: pd.DataFrame, nights: pd.DataFrame, changed: Mapping[str, str], told: Mapping[str, _Night],
+                  file: Path) -> str:
+    made = rows.drop_duplicates(["night", "key"]).groupby("night")["failed"]
+    shown = nights.fillna("–").iloc[::-1].copy()
+    shown["worst finding"] = [told[night].worst_words for night in shown["night"]]
+    shown["changed since the night before"] = shown["night"].map(changed)
+    counts = {"runs": made.size(), "whole": made.size() - made.sum()}
+    for name, count in counts.items():
+        shown[name] = shown["night"].map(count).fillna(0).astype(int).map(str)
+    reports = [told[night].report for night in shown["night"]]
+    links = [_path(report, file) if report is not None else "" for report in reports]
+    return table("The nights, the latest first, each with a link to its report; whole: runs that succeeded and reached "
+                 "their end.", list(shown), shown.itertuples(index=False), [name in counts for name in shown], links, 0)
+
+
+def _failures(rows: pd.DataFrame) -> list[str]:
+    """Engines that are not installed, in a line; runs that failed for a reason, with the nights in which they did."""
+    runs = rows.drop_duplicates(["night", "key"])
+    absent = runs[runs["status"] == MISSING_ENGINE]
+    blocks = []
+    if len(absent):
+        words = [f"{engine} ({part['key'].nunique()} run{'s' * (part['key'].nunique() != 1)} a night)"
+                 for engine, part in absent.groupby("engine", sort=False)]
+        blocks.append(paragraph(f"Not installed in some of the nights: {', '.join(words)}."))
+    failed = runs[runs["failed"] & (runs["status"] != MISSING_ENGINE)]
+    if len(failed):
+        lines = [(part["night"].max(), str(part["night"].nunique()), *names)
+                 for names, part in failed.groupby(["key", "status", "reason"], sort=False)]
+        lines.sort(key=lambda line: line[0], reverse=True)
+        caption = (f"{len(failed)} failures of {len(lines)} kinds, the latest {min(len(lines), MOST_FAILED)} of these; "
+                   "the first column has the latest night of each.")
+        blocks.append(table(caption, ["night", "nights", "key", "status", "reason"], lines[:MOST_FAILED],
+                            [False, True, False, False, False]))
+    return blocks
+
+
+def _short_names(nights: Sequence[str]) -> list[str]:
+    """Names of nights at an axis: the day, with the time where the day has several nights."""
+    days = Counter(night[:10] for night in nights)
+    minutes = Counter(night[:16] for night in nights)
+    return [night[:10] if days[night[:10]] == 1 else
+            f"{night[5:10]} {night[11:16 if minutes[night[:16]] == 1 else 23]}" for night in nights]
+
+
+def _view(labels: tuple[str, ...], rows: pd.DataFrame, nights: list[str], notes: list[str],
+          told: Mapping[str, _Night]) -> View:
     """The course of a metric on a scene."""
     block, series, ends = Columns(), [], []
     timed = (rows["kind"] == "time").all()
@@ -76,15 +196,18 @@ def _view(labels: tuple[str, ...], rows: pd.DataFrame, nights: list[str], notes:
             values, unsure = course["value"].to_numpy(float), course["uncertainty"].to_numpy(float)
             if logarithmic:  # of a logarithm the relative uncertainty
                 values, unsure = np.log10(values), unsure / (values * np.log(10))
+            flags = [place for place, night in enumerate(nights)
+                     if {(labels[0], key), ("", key)} & told[night].regressions]
             ends += [np.nanmin(values), np.nanmax(values)]
             name = variant if variant == "truth" else f"{variant} ({setting_of(first['parameter'], first['step'])})"
             series.append({
                 "name": f"{name}, {machine}" if several else name, "color": COLORS[place % len(COLORS)], "about": key,
-                "dash": DASHES[steps.index(first["step"]) % len(DASHES)], "marker": True, "shown": True, "x": [number],
-                "y": [[block.add(values, LONG)]], "error": [[block.add(unsure)]] if timed else None})
+                "dash": DASHES[steps.index(first["step"]) % len(DASHES)], "marker": True, "shown": True,
+                "flags": flags, "x": [number], "y": [[block.add(values, LONG)]], "error": [[block.add(unsure)]] if timed else None})
     low, high = min(ends), max(ends)
     room = 0.05 * (high - low) or 0.5
     panel = {"label": labels[0], "log": logarithmic, "range": [low - room, high + room]}
-    return View(labels, {"x": {"label": "night", "range": [-0.3, len(nights) - 0.7], "names": nights, "notes": notes},
+    return View(labels, {"x": {"label": "night", "range": [-0.3, len(nights) - 0.7], "names": nights,
+                              "short": _short_names(nights), "notes": notes},
                          "series": series, "shades": [],
                          "modes": [{"name": labels[0], "digits": 6, "panels": [panel]}]}, block)

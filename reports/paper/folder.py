@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.presentation import Presentation, TableView, TracedText
-from stiction.reports.figures.charts import drawn
+from stiction.reports.figures.charts import drawn, in_one_column
 from stiction.reports.figures.style import rc, save_all
 from stiction.reports.page_one import TITLE, bullets
 from stiction.reports.paper import latex
@@ -30,11 +31,11 @@ SHORT, PAGE_SIGNS = 24, 118
 AUTHORS = ("the stiction authors",)
 """Authors as in ``CITATION.cff``, unless others are named."""
 TRACING = (
-    "The last column of a table is a key. Its letter names a table of the run's data, its numbers the rows, from 1: "
-    "A12 is row 12 of data/accuracy.csv; J16-30 are rows 16 to 30 of data/torque.csv, which the numbers here sum up. "
-    "The command \"stiction trace RUN KEY\" prints the rows in full precision, the files of trajectories and truth, "
-    "the settings of the engine, the versions and the machine; trace.csv has the same for all keys. Tables with every "
-    "row of the data are in the folder tables.")
+    "The last column of a table is a key. Its letter names a table of the run's data, its numbers are rows of that "
+    "table, counted from 1: A12 is row 12 of data/accuracy.csv, and J16-30 are rows 16 to 30 of data/torque.csv, "
+    "which the numbers of a line sum up. The command \"stiction trace RUN KEY\" prints these rows in full precision, "
+    "with the files of the trajectories and of the truth, the settings of the engine, its version and the machine; "
+    "trace.csv lists the same for all keys. The folder tables holds the tables with every row of the data.")
 
 
 def write_paper(run: StoredRun, folder: str | Path, column: str = "double", authors: Sequence[str] = AUTHORS) -> Path:
@@ -47,7 +48,7 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double", auth
     """
     import typst
 
-    report = report_of(run.validation())
+    report = in_width(report_of(run.validation()), column)
     content = paper_content(run, report, column, authors)
     with run_folder(folder, MAIN, run.folder) as partial:
         for name in ("figures", "tables"):
@@ -69,6 +70,15 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double", auth
         shutil.copytree(run.folder / REPRODUCE, partial / REPRODUCE)
         write_provenance(partial, run.origin)
     return Path(folder) / MAIN
+
+
+def in_width(report: Report, column: str) -> Report:
+    """Return the report with figures for a width; in one column, those that are too high for a page are in parts."""
+    if column == "double":
+        return report
+    return replace(report, said={
+        study: replace(said, figures=[part for figure in said.figures for part in in_one_column(figure)])
+        for study, said in report.said.items()})
 
 
 def paper_content(run: StoredRun, report: Report, column: str, authors: Sequence[str]) -> dict[str, Any]:

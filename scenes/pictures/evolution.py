@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.scenes.columns import unit_of
-from stiction.scenes.pictures.picture import COLORS, CYCLE, Picture, rc
+from stiction.scenes.pictures.picture import COLORS, CYCLE, Picture, fit_labels, rc
 from stiction.scenes.trajectory import Trajectory
 
 MOST_LINES = 8
@@ -40,7 +40,8 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
             lines = [(frame, names[0], _method(run)) for run, frame in zip(runs, frames)] if several else [
                 (frames[0], name, name) for name in names[:MOST_LINES]]
             for number, (frame, name, text) in enumerate(lines):
-                dashes = _DASHES[(number // len(CYCLE) if several else number) % len(_DASHES)]
+                # a run that is drawn over an equal one is dashed, so that both are seen
+                dashes = _DASHES[number % len(_DASHES)]
                 ax.plot(frame["t"].to_numpy(), frame[name].to_numpy(), color=CYCLE[number % len(CYCLE)], linewidth=1.0,
                         label=text, linestyle=dashes)
             for begin, end in stick:
@@ -56,14 +57,16 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
         else:
             axes[0].set_title(f"{first.scene}: {first.engine} {first.version}, {first.fidelity}", fontsize=8,
                               parse_math=False)
+        fit_labels(picture)
     return picture
 
 
 def _method(run: Trajectory) -> str:
     """Engine, fidelity and what sets the accuracy."""
     accuracy = {key: run.settings.get(key) for key in ("dt", "rtol")}
-    return " ".join([run.engine, run.fidelity, *(f"{key} = {value:g}" for key, value in accuracy.items()
-                                                 if isinstance(value, float))])
+    units = {"dt": " s", "rtol": ""}
+    return ", ".join([run.engine, run.fidelity, *(f"{key} = {value:g}{units[key]}" for key, value in accuracy.items()
+                                                  if isinstance(value, float))])
 
 
 def _usual(trajectory: Trajectory) -> list[tuple[list[str], str]]:

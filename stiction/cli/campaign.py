@@ -8,6 +8,7 @@ from dataclasses import replace
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from shutil import disk_usage
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from stiction.comparisons.campaigns.nightly import Result
     from stiction.comparisons.results import Results
 
+KEPT_RUNS_BYTES = 500e6
+"""Free bytes below which `validate` says what it needs: twice what it takes with --quick and one engine, and more."""
 commands = typer.Typer()
 baselines = typer.Typer(cls=Commands, no_args_is_help=True, help="What runs are held to.")
 
@@ -47,6 +50,7 @@ def validate(quick: Quick = False, full: Full = False, engines: Engines = [], wo
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
     with about("--out"):
         check_folder(folder, REPORT)
+    _say_if_disk_is_small(folder)
     with ExitStack() as stack:
         with about("--out"):
             kept = stack.enter_context(kept_runs(folder, ["reference", *(engines or engine_names())]))
@@ -71,6 +75,15 @@ def validate(quick: Quick = False, full: Full = False, engines: Engines = [], wo
         raise interrupted(kept.interrupt, "the report has what was done until then")
     if failed := list(_failures_of_reference(results)):
         raise ended(FAILED, f"{len(failed)} runs of the reference failed: {failed[0]}")
+
+
+def _say_if_disk_is_small(folder: Path) -> None:
+    """Say where the runs are kept, if there may be too little room for them."""
+    place = next(parent for parent in folder.absolute().parents if parent.exists())
+    free = disk_usage(place).free
+    if free < KEPT_RUNS_BYTES:
+        say(f"{free / 1e6:.0f} MB are free at {place}, where all runs are kept until the report is there: some 200 MB "
+            "with --quick and one engine, more otherwise. On a full disk the command ends; called again, it goes on")
 
 
 def _failures_of_reference(results: Results) -> Iterator[str]:

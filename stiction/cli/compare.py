@@ -124,13 +124,13 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
     from stiction.reports.run_folder.data import storable
 
     table, said = results.table(study.name), study.presented(results)
-    if out is not None and len(table):
+    if out is not None:  # an empty table, too: its file says which columns it would have
         with or_shown(lambda: _print(said, results, table)):
             write_table(storable(table), out)
     _print(said, results, table)
     if out is None and len(table):
         print("\nEvery row with its numbers and reasons: --out FILE.csv")
-    if plot is not None:
+    if plot is not None and (said.figures or len(table)):
         from stiction.comparisons.atomic_files import whole_file
         from stiction.reports.figures.charts import drawn
         from stiction.reports.figures.style import rc
@@ -144,12 +144,13 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
     if problems is not None:
         write_problems(results.problems, problems)
     if table.empty:
-        print(f"nothing to compare: the table of `compare {study.name}` is empty for this scene")
+        print(f"nothing to compare: the table of `compare {study.name}` is empty for this scene"
+              + (f"; {plot} is not written" if plot is not None and not said.figures else ""))
     _check(_runs(results, table) if table.empty else table)
 
 
 def _print(said: Presentation, results: Results, table: pd.DataFrame) -> None:
-    from stiction.comparisons.methods import succeeded
+    from stiction.comparisons.methods import MISSING_ENGINE, succeeded
 
     for part in (said.answer, *said.findings):
         if part:
@@ -163,9 +164,13 @@ def _print(said: Presentation, results: Results, table: pd.DataFrame) -> None:
     show_truths(table)
     runs = _runs(results, table)
     if {"status", "reason", "variant"} <= set(runs):
-        failed = runs[~succeeded(runs)]
+        absent, failed = runs["status"] == MISSING_ENGINE, runs[~succeeded(runs) & (runs["status"] != MISSING_ENGINE)]
+        for reason, rows in runs[absent].groupby("reason", sort=False, dropna=False):
+            print(f"not installed, {len(rows)} run{'s' * (len(rows) != 1)} not made: {reason}")
+        made = runs["variant"].value_counts()
         for (method, status, reason), rows in failed.groupby(["variant", "status", "reason"], sort=False, dropna=False):
-            print(f"{method}: {len(rows)} {'ended early' if status == 'ok' else status}: {reason}")
+            print(f"method {method}, {len(rows)} of {made[method]} run{'s' if made[method] != 1 else ''} "
+                  f"{'ended early' if status == 'ok' else status}: {reason}")
 
 
 def _runs(results: Results, table: pd.DataFrame) -> pd.DataFrame:

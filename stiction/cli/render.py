@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 import textwrap
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,12 +25,14 @@ EVENTS_SHOWN = 20
 """Lines of a list that may be long: reasons, components."""
 UNBROKEN = 18
 """Characters of a cell that stays on one line whatever the width, as numbers do, their uncertainty included."""
+SILENCE_S = 60.0
+"""Seconds between two lines that say how far a command is, where standard error is no terminal that shows a bar."""
 _GAP = 3
 """Characters between two columns on a terminal."""
 
 
 class Progress:
-    """A bar with the time left on standard error, if that is a terminal, and what is said above it.
+    """A bar with the time left on standard error, if that is a terminal, else a line a minute; what is said above it.
 
     A run that ended with a bug is a failed run like any other; its traceback is printed when all are done.
     """
@@ -42,6 +45,7 @@ class Progress:
         self._console = Console(stderr=True)
         self.bar = Progress(*columns, console=self._console, transient=True, disable=not sys.stderr.isatty())
         self._task = self.bar.add_task(title, total=None, state="")
+        self._title = title
         self._started, self._total, self._done, self._left = time.monotonic(), 0, 0, ""
         self.bugs: list[Any] = []
 
@@ -69,6 +73,12 @@ class Progress:
         total = self._total or 1.0
         self.bar.update(self._task, total=total, completed=share * total, state=counted + self._left)
 
+    def line(self) -> str:
+        """How far it is: ``"sweep of sled: 120 of 480, 3 min left, after 60 s"``."""
+        counted = f"{self._done} of {self._total}" if self._total else ""
+        known = ", ".join(filter(None, (counted, self._left)))
+        return f"{self._title}: " + (f"{known}, " if known else "") + f"after {time.monotonic() - self._started:.0f} s"
+
     def study(self, study: Study, results: Results) -> None:
         """Print the answer of a study that is done, on one line; without a terminal the time left stands at its end."""
         if answer := study.present(results).answer:
@@ -81,10 +91,29 @@ class Progress:
 def progress(title: str) -> Iterator[Progress]:
     """Show the progress of some work, and then the tracebacks of its bugs."""
     shown = Progress(title)
-    with shown.bar:
+    with shown.bar, _regularly(lambda: say(shown.line())) if shown.bar.disable else nullcontext():
         yield shown
     for result in shown.bugs:
         say(f"{result.label} ended with a bug:\n{result.traceback}")
+
+
+@contextmanager
+def _regularly(tell: Callable[[], None]) -> Iterator[None]:
+    """Call a function every `SILENCE_S` seconds, in a thread, for the time of the block."""
+    over = threading.Event()
+
+    def serve() -> None:
+        while not over.wait(SILENCE_S):
+            with suppress(OSError, ValueError):  # of a standard error that is closed
+                tell()
+
+    thread = threading.Thread(target=serve, daemon=True, name="stiction-progress")
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 def announce(words: str) -> None:

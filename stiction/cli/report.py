@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from stiction.cli.options import RunFolder, about, check_written, distinct
-from stiction.cli.render import show
+from stiction.cli.render import progress, show
 
 commands = typer.Typer()
 
@@ -32,7 +32,9 @@ def paper(run: RunFolder,
     stored = read_run(run)
     with about("--out"):
         check_folder(out, MAIN, run)
-    print(write_paper(stored, out, width, tuple(author or AUTHORS)))
+    with progress("paper"):
+        file = write_paper(stored, out, width, tuple(author or AUTHORS))
+    print(file)
 
 
 @commands.command()

@@ -15,8 +15,11 @@ import pandas as pd
 import pytest
 from conftest import installed, invoke
 
+from stiction.cli.compare import _print
 from stiction.cli.exit_codes import FAILED, INTERRUPTED, TERMINATED, terminate
 from stiction.cli.render import show, show_trajectory
+from stiction.comparisons.presentation import Presentation
+from stiction.comparisons.results import Results
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.scenes import Trajectory, load_scene, vary
 
@@ -214,6 +217,21 @@ class TestCompare:
         """A pendulum has no events; that an engine has refused it does not mean that all runs failed."""
         result = invoke("compare", "torque", "pendulum", "--quick", "--engines", "pymunk", "--t-end", "0.2")
         assert "refused" in result.output and "nothing to compare: the table of `compare torque` is empty" in result.output
+
+    def test_without_jumps_a_figure_changes_neither_the_table_nor_the_exit_code(self, tmp_path, in_this_process):
+        command = ["compare", "torque", "pendulum", "--quick", "--engines", "pymunk", "--t-end", "0.2"]
+        alone, both = tmp_path / "alone.csv", tmp_path / "both.csv"
+        invoke(*command, "--out", alone)
+        result = invoke(*command, "--out", both, "--plot", tmp_path / "jumps.png")
+        assert alone.read_bytes() == both.read_bytes() and not (tmp_path / "jumps.png").exists()
+        assert "jumps.png is not written" in result.output
+
+    def test_runs_that_were_not_made_or_ended_early_say_whose_they_are(self, capsys):
+        runs = pd.DataFrame([("trial and error", "ok", "the linear system is singular"), ("trial and error", "ok", ""), ("drake", "missing", "drake: not installed"),
+                             ("drake, contact", "missing", "drake: not installed")], columns=["variant", "status", "reason"])
+        _print(Presentation(), Results((), {}, {}), runs)
+        assert capsys.readouterr().out.splitlines() == ["not installed, 2 runs not made: drake: not installed",
+                                                        "method trial and error, 1 of 2 runs ended early: the linear system is singular"]
 
 
 class TestLists:

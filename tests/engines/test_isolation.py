@@ -15,6 +15,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import psutil
 import pytest
 from child_tasks import (Treacherous, announce_and_hang, burn, fail, hang, hang_deaf, leave, leave_at_once, process_id,
                          product, say_and_abort, say_process_id, segfault, take_away, unpicklable, wait_for)
@@ -25,6 +26,7 @@ from stiction.comparisons.campaigns.checkpoint import kept_runs
 from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine,
                               engine_names, isolate, isolation, load_engine, run_isolated)
 from stiction.engines.gate import required_columns
+from stiction.engines.isolation import IdleChildren
 from stiction.scenes import InputError, Trajectory, load_scene
 
 TIMEOUT_S = 600.0  # far above what any task here takes on a busy machine; a task that is to time out gets its own
@@ -487,3 +489,47 @@ def test_broken_adapters_of_others_end_no_command(announced, in_this_process):
 def test_capabilities_of_another_kind_are_told_at_once(wrong, words):
     with pytest.raises((TypeError, ValueError), match=words):
         replace(Toy.capabilities, **wrong)
+
+
+def until_gone(number: int) -> None:
+    """Wait for the end of a process."""
+    while psutil.pid_exists(number):
+        time.sleep(0.01)
+
+
+class TestKeptChildren:
+    """Children that are left for the next call: short tasks of many calls take one start."""
+
+    def test_the_next_call_uses_the_child_of_the_last(self):
+        kept = IdleChildren()
+        first, second = (isolate([Task("who", process_id)] * 2, workers=1, timeout_s=TIMEOUT_S, kept=kept) for _ in range(2))
+        assert len({outcome.value for outcome in (*first, *second)}) == 1
+        kept.end()
+        third = isolate([Task("who", process_id)], workers=1, timeout_s=TIMEOUT_S, kept=kept)
+        assert third[0].value != first[0].value
+        kept.end()
+
+    def test_what_crashes_or_hangs_is_one_row_and_loses_no_other(self):
+        kept = IdleChildren()
+        for _ in range(2):
+            tasks = [Task("a", product, (2, 3)), Task("crash", leave_at_once, (3,)), Task("b", product, (4, 5)), Task("c", product, (6, 7))]
+            found = isolate(tasks, workers=1, timeout_s=TIMEOUT_S, kept=kept)
+            assert [outcome.status for outcome in found] == ["ok", "crashed", "ok", "ok"] and [outcome.value for outcome in found] == [6, None, 20, 42]
+        hanging = isolate([Task("hang", hang)], workers=1, timeout_s=1.0, kept=kept)
+        assert hanging[0].status == "timed out"
+        assert isolate([Task("e", product, (2, 2))], workers=1, timeout_s=TIMEOUT_S, kept=kept)[0].value == 4
+        kept.end()
+
+    def test_a_child_that_died_in_between_is_replaced(self):
+        kept = IdleChildren()
+        [first] = isolate([Task("who", process_id)], workers=1, timeout_s=TIMEOUT_S, kept=kept)
+        os.kill(first.value, signal.SIGKILL)
+        until_gone(first.value)
+        [second] = isolate([Task("who", process_id)], workers=1, timeout_s=TIMEOUT_S, kept=kept)
+        assert second.status == "ok" and second.value != first.value
+        kept.end()
+
+    def test_idle_children_end_by_themselves(self):
+        kept = IdleChildren(idle_s=0.01)
+        [first] = isolate([Task("who", process_id)], workers=1, timeout_s=TIMEOUT_S, kept=kept)
+        until_gone(first.value)

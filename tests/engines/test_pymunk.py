@@ -1,5 +1,7 @@
 """pymunk alone: distance drives, guides that hold angles, loops."""
 
+from importlib.metadata import version
+
 import numpy as np
 import pytest
 
@@ -162,3 +164,9 @@ def test_reactions_of_a_loop_are_those_of_the_motion_from_the_first_row_on(engin
     run, truth = engine.simulate(scene, t_end=0.1, dt=1e-3), load_engine("reference").simulate(scene, t_end=0.1, rtol=1e-10)
     for row in ("p0.fx", "p3.fx", "l3.alpha"):
         assert abs(run[row][0] - truth[row][0]) < 2e-2 * np.abs(truth[row]).max()
+
+
+def test_the_version_is_that_of_the_installed_package(monkeypatch):
+    """That of the wheel 7.0.0 says 2.0.0 of itself."""
+    monkeypatch.setattr("pymunk.version", "2.0.0")
+    assert load_engine("pymunk").version == version("pymunk")

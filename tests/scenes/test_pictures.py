@@ -153,6 +153,19 @@ class TestEvolution:
         assert np.ptp(line.get_ydata()[at]) == pytest.approx(abs(jump.jump("guide.friction"))) and abs(jump.jump("guide.friction")) > 0.5
 
 
+class TestChosenColumns:
+    def test_labels_stay_within_their_panels(self, run):
+        names = ["motor.effort", "guide.normal_force", "guide.slip_velocity", "guide.friction"]
+        picture = run.plot(*names, against=[run])
+        picture.draw_without_rendering()
+        boxes = [ax.yaxis.label.get_window_extent() for ax in picture.axes]
+        assert not any(one.overlaps(other) for number, one in enumerate(boxes) for other in boxes[:number])
+        assert [ax.get_ylabel().replace("\n", " ").partition(" [")[0] for ax in picture.axes] == names
+        for ax in picture.axes:  # equal runs lie on each other: the upper one lets the lower one through
+            below, above = ax.lines
+            assert below.get_linestyle() == "-" and above.get_linestyle() != "-" and below.get_color() != above.get_color()
+
+
 class TestFilm:
     def test_gif_has_its_frames(self, run, folder):
         assert run.animate("run.gif") == 5 == Image.open(folder / "run.gif").n_frames

@@ -16,6 +16,7 @@ from conftest import invoke
 from filelock import FileLock
 
 from stiction.cli.exit_codes import COULD_NOT_RUN, NOT_COMPARED
+from stiction.comparisons.atomic_files import NotWritten
 from stiction.comparisons.campaigns.history import HistoryRefused, open_history
 from stiction.comparisons.campaigns.measurement import Metric, Row
 from stiction.comparisons.campaigns.nightly import HISTORY
@@ -175,3 +176,16 @@ def test_two_nights_at_once_are_refused(tmp_path):
     with FileLock(tmp_path / f".{HISTORY}.lock"):
         ended = invoke("nightly", "--baseline", tmp_path / "baseline.toml", "--out", tmp_path, exit_code=COULD_NOT_RUN)
     assert "another night is being written" in ended.stderr
+
+
+def test_a_full_disk_is_no_matter_of_the_file(file):
+    """The command ends with the code of a file that could not be written, as others do; what is in the history stays."""
+    with open_history(file) as history:
+        night = history.begin("c", "digest", origin())
+        history.append(night, FALL)
+    with pytest.raises(NotWritten, match="history.sqlite: not written: .*full"), open_history(file) as history:
+        history.connection.execute("PRAGMA max_page_count = 1")  # no page more than there are
+        for number in range(10_000):
+            history.append(night, replace(LOST, key=f"{number}"))
+    with open_history(file) as history:
+        assert history.rows(night)[0] == FALL

@@ -13,9 +13,11 @@ from matplotlib.patches import PathPatch
 
 from stiction.comparisons.presentation import LIMIT, TRUTH, Axis, Chart, HeatMap, MechanismPicture, Panel, Series
 from stiction.comparisons.results import Results
-from stiction.reports.figures.charts import CELL, draw, drawn
-from stiction.reports.figures.style import COLORS, COLUMNS, DASHES, FILLS, MARKERS, Drawing, looks_of, rc, save
+from stiction.reports.figures.charts import CELL, draw, drawn, in_one_column
+from stiction.reports.figures.style import COLORS, COLUMNS, DASHES, FILLS, MARKERS, TALLEST, Drawing, looks_of, rc, save
+from stiction.reports.report import report_of
 from stiction.scenes import InputError
+from stiction.scenes.pictures.picture import fit_labels
 
 X = np.array([1e-3, 1e-2, 1e-1])
 VARIANTS = {"reference": ("reference", "joint"), "paper's scheme": ("reference", "joint"), "other, contact": ("other", "contact")}
@@ -159,3 +161,63 @@ def test_figures_of_nothing(panels: Sequence[Panel]):
 def test_another_kind_of_figure_is_refused_in_words():
     with pytest.raises(TypeError, match="found a str; expected Chart, HeatMap or MechanismPicture"):
         draw("a figure", {})
+
+
+def tall(count: int, columns: int, series: int = 2) -> Chart:
+    """Panels in rows of so many, labelled at the edges of the chart alone."""
+    lines = [Series(f"method {number}", X, (1 + number) * X, look=f"method {number}") for number in range(series)]
+    panels = [Panel(f"panel {number}", Axis("time [s]" if number >= count - columns else "", log=True), Axis("drift of the joints [m, rad]" if number % columns == 0 else "", log=True), lines)
+              for number in range(count)]
+    return Chart("tall", "Drift of all methods. More of it is in the text.", panels, columns, share_x=True)
+
+
+@pytest.mark.parametrize("figure", [tall(12, 3), tall(6, 3), tall(7, 2), tall(12, 6), tall(4, 1, series=25), tall(1, 1), errors(), hard(),
+                                    replace(hard(), rows=[f"case {number}" for number in range(90)], cells=[["right"] * 14] * 90, groups={"First": 5, "Second": 85}),
+                                    replace(hard(), rows=[f"case {number}" for number in range(90)], cells=[["right"] * 14] * 90, groups={}), FIGURES[2]], ids=lambda figure: figure.name)
+def test_in_one_column_every_part_of_a_figure_fits_a_page_and_none_is_lost(figure):
+    parts = in_one_column(figure)
+    assert len({part.name for part in parts}) == len(parts) and all(part.caption.startswith(figure.caption.partition(". ")[0].rstrip(".")) for part in parts)
+    assert (len(parts) == 1) == (parts[0].name == figure.name)
+    if isinstance(figure, Chart):
+        assert [panel.title for part in parts for panel in part.panels] == [panel.title for panel in figure.panels]
+        assert all(panel.x.label and (panel.y.label or panel.y.words) for part in parts for panel in part.panels)
+    if isinstance(figure, HeatMap):
+        assert [row for part in parts for row in part.rows] == list(figure.rows) and all(len(part.rows) == len(part.cells) for part in parts)
+        assert {heading: sum(part.groups.get(heading, 0) for part in parts) for heading in figure.groups} == dict(figure.groups)
+    for drawing in drawn_in_one_column(parts):
+        assert drawing.figure.get_figwidth() == pytest.approx(COLUMNS["single"]) and drawing.figure.get_figheight() <= TALLEST + 1e-9, drawing.name
+
+
+def drawn_in_one_column(figures):
+    """Drawn one after the other, as they are in a paper."""
+    with rc("single"):
+        for drawing in drawn(figures, Results((), {}, {})):
+            fit_labels(drawing.figure)
+            yield drawing
+
+
+def test_figures_of_a_run_fit_a_page_in_both_widths(validation):
+    report = report_of(validation)
+    assert report.figures
+    for column, figures in (("single", [part for figure in report.figures for part in in_one_column(figure)]), ("double", report.figures)):
+        with rc(column):
+            assert all(drawing.figure.get_figheight() <= TALLEST + 1e-9 for drawing in drawn(figures, validation))
+
+
+@pytest.mark.parametrize("column", ["single", "double"])
+def test_long_labels_are_broken_and_touch_no_other(column):
+    long = Panel("A title that is by far longer than its panel is wide, with every condition of it", Axis("largest distance of the slider from where the truth has it, relative to its own [-]"),
+                 Axis("threshold on the load amplitude F0, less that of the truth [N]"), [Series("", X, X)])
+    named = replace(long, y=replace(long.y, label="a_very_long_name_of_a_guide.normal_force_at_corner [N]"))
+    for panels in ([long], [long, named], [long, named, long, named]):
+        with rc(column):
+            drawing = draw(Chart("long", "L.", panels, columns=2), {})
+            fit_labels(drawing.figure)
+            made = saved(drawing)
+        boxes = [text.get_window_extent() for ax in made.axes for text in (ax.xaxis.label, ax.yaxis.label, ax.title, ax._left_title) if text.get_text()]
+        inside = made.bbox
+        assert len(boxes) == 3 * len(panels)
+        assert all(box.x0 >= inside.x0 - 1 and box.x1 <= inside.x1 + 1 and box.y0 >= inside.y0 - 1 and box.y1 <= inside.y1 + 1 for box in boxes)
+        assert not any(one.overlaps(other) for number, one in enumerate(boxes) for other in boxes[:number])
+        words = [ax.yaxis.label.get_text().replace("\n", "").replace(" ", "") for ax in made.axes]
+        assert words == [panel.y.label.replace(" ", "") for panel in panels]

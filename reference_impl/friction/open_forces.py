@@ -12,8 +12,10 @@ of reactions, efforts and this friction moves is reported as nan.
 
 While a driven guide slips, f = -mu d (|n1| + |n2|) with n1, n2 linear in f. Where the friction gain (`uniqueness`) is 1
 or more, this equation may have several solutions, with one and the same motion: a strut that pulls a block back beyond
-its angle of friction can push it onto the guide or lift it off. The integration goes on with the smallest of them, which
-is the last to grow without bound; all of them are in `Trajectory.alternatives`, and the columns are nan.
+its angle of friction can push it onto the guide or lift it off. The integration goes on with the smallest of them,
+which is the last to grow without bound; all of them are in `Trajectory.alternatives`, and the columns are nan. A
+solution can be lost in two ways: its forces grow without bound, or it meets another one where a corner force is zero.
+The motion is smooth there, and goes on with a solution that is left, if any is.
 """
 
 from __future__ import annotations
@@ -72,8 +74,9 @@ def bounded(n, ordinary):
     """A corner force n (N) of a driven guide as an event function: it has the zeros of n and those of 1 / n.
 
     Where the friction gain passes 1 the corner forces of a mechanism that drives move pass from one infinity to the
-    other, while its motion stays smooth: no step is too long for that, and n falls to zero nowhere. n / (1 + (n / n0)^2)
-    is smooth there, changes its sign, and is n as long as that is small against n0 = LARGE times the ordinary load.
+    other, while its motion stays smooth: no step is too long for that, and n falls to zero nowhere.
+    n / (1 + (n / n0)^2) is smooth there, changes its sign, and is n as long as that is small against n0 = LARGE times
+    the ordinary load.
     """
     if not ordinary > 0.0:
         return n
@@ -121,8 +124,8 @@ def take_least_forces(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
 
 
 @kernel(allocates=True)
-def _alternatives(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, slip: IntegerTable, force: Table,
-                  found: Cube, count: Integers) -> None:
+def _alternatives(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table,  # noqa: PLR0913 - a kernel's arrays
+                  slip: IntegerTable, force: Table, found: Cube, count: Integers) -> None:
     """Fill `found` (n, k, rows + frictional) with the forces of the motion at each instant; `count` (n,): how many.
 
     `force` has those of the run. 1 where they are the only ones.

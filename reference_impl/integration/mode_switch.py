@@ -13,11 +13,12 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.coulomb import can_jam, normal_load, sticks
 from stiction.reference_impl.friction.driven_guides import driven_speed, frictionless_forces
-from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, most_capacity
+from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, most_capacity, solve_mode
 from stiction.reference_impl.friction.guides_at_rest import leave_together, rest_together
 from stiction.reference_impl.friction.mode_choice import HOLDS, LEAVES, choose_mode, other_modes
 from stiction.reference_impl.friction.open_forces import LARGE, may_be_several, ordinary_load
 from stiction.reference_impl.friction.outcomes import CHATTER, DONE, JAM, NONE, ROOM, SOLVED, UNBOUNDED
+from stiction.reference_impl.friction.shared_rest import margins_of_safest
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.integration_state import AT_ONCE, NO_EVENT, State, noise, remember
 from stiction.reference_impl.integration.result import CORNER, REVERSAL, SAME_INSTANT, SLIP, STICK, UNCHANGED, EventLog
@@ -64,6 +65,9 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     if m.unfree > 0 and not is_finite(s.dy):
         _approach(m, w, s)
     remember(m, w, s)
+    if sticks(m, s.slip, guide):
+        event = _first_to_leave(m, w, s, event)
+        guide = event // 3
     switches, function, behind = _examine_event(m, w, s, event)
     if not switches:
         p.fresh = 0
@@ -99,6 +103,32 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     remember(m, w, s)
     _log_changes(m, w, s, log, others)
     return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE
+
+
+@kernel(allocates=True)
+def _first_to_leave(m: Arrays, w: Workspace, s: State, event: int) -> int:
+    """The event of the guide at rest, and of its direction, in which rest ends at an event of a guide at rest.
+
+    Of guides that share a load, which have one event function: that of the smallest margin in the safest share. The
+    event functions become the margins.
+    """
+    force = w.force.copy()
+    regular = solve_mode(m, w, s.slip, s.corner)
+    copy(force, w.force)
+    if regular:
+        return event  # no load is shared: see `right_hand_side`
+    margins = margins_of_safest(m, w, s.slip, s.corner)
+    guide, side = event // 3, min(event % 3, 1)
+    if np.isnan(margins[guide, side]):
+        return event
+    least = np.inf
+    for f in range(len(margins)):
+        for k in range(2):
+            if not np.isnan(margins[f, k]):
+                w.event[3 * f + k] = margins[f, k]
+                if margins[f, k] < least:
+                    event, least = 3 * f + k, margins[f, k]
+    return event
 
 
 @kernel
@@ -143,8 +173,10 @@ def _way_out(m, w, s, guide):
     right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
     _look_behind(m, w, s)
     e = 3 * guide
-    function = 0 if w.event[e] < w.event[e + 1] else 1
-    return function if w.event[e + function] < -AT_ONCE * noise(s, e) else NO_EVENT
+    if not min(w.event[e], w.event[e + 1]) < -AT_ONCE * noise(s, e):
+        return NO_EVENT
+    _first_to_leave(m, w, s, e)
+    return 0 if w.event[e] < w.event[e + 1] else 1
 
 
 @kernel

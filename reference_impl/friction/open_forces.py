@@ -13,7 +13,9 @@ of reactions, efforts and this friction moves is reported as nan.
 While a driven guide slips, f = -mu d (|n1| + |n2|) with n1, n2 linear in f. Where the friction gain (`uniqueness`) is 1
 or more, this equation may have several solutions, with one and the same motion: a strut that pulls a block back beyond
 its angle of friction can push it onto the guide or lift it off. The integration goes on with the smallest of them,
-which is the last to grow without bound. All of them are in `Trajectory.alternatives`, and the columns are nan.
+which is the last to grow without bound; all of them are in `Trajectory.alternatives`, and the columns are nan. A
+solution can be lost in two ways: its forces grow without bound, or it meets another one where a corner force is zero.
+The motion is smooth there, and goes on with a solution that is left, if any is.
 """
 
 from __future__ import annotations
@@ -38,14 +40,47 @@ from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Works
 MOST_ALTERNATIVES = 8
 """Solutions of one motion that are kept: two for one driven guide without length, up to four with two corners."""
 
+LARGE = 10.0
+"""Multiple of the ordinary load from which on a corner force is one that may grow without bound."""
+SEVERAL_FROM = 1.0 - 1e-6
+"""Friction gain from which on several solutions are looked for: 1, but for rounding where forces grow without bound."""
+
 
 @kernel
-def _may_be_several(m, w, slip):
+def may_be_several(m, w, slip):
     """Return True where forces of one motion can be several: a driven guide slips, and the friction gain allows it."""
     slips = False
     for f in range(len(slip)):
         slips = slips or slip[f] != 0 and m.friction[f].freedom == DRIVEN
-    return slips and gain_of_mode(m, w, slip)[0] >= 1.0
+    return slips and gain_of_mode(m, w, slip)[0] >= SEVERAL_FROM
+
+
+@kernel
+def ordinary_load(m, w, f):
+    """Size of the forces of constraints, as of the normal row of guide f, N: the smallest that its loads ask for.
+
+    Each row alone would take |right_r| / G_rr to meet its acceleration. It is smooth in time, and knows no friction.
+    """
+    square = 0.0
+    for r in range(m.rows):
+        if w.G[r, r] > 0.0:
+            square += w.right[r] ** 2 / w.G[r, r]
+    normal = m.friction[f].row
+    return np.sqrt(square / w.G[normal, normal])
+
+
+@kernel
+def bounded(n, ordinary):
+    """A corner force n (N) of a driven guide as an event function: it has the zeros of n and those of 1 / n.
+
+    Where the friction gain passes 1 the corner forces of a mechanism that drives move pass from one infinity to the
+    other, while its motion stays smooth: no step is too long for that, and n falls to zero nowhere.
+    n / (1 + (n / n0)^2) is smooth there, changes its sign, and is n as long as that is small against n0 = LARGE times
+    the ordinary load.
+    """
+    if not ordinary > 0.0:
+        return n
+    return n / (1.0 + (n / (LARGE * ordinary)) ** 2)
 
 
 @kernel(allocates=True)
@@ -68,7 +103,7 @@ def forces_of_one_motion(m: Arrays, w: Workspace, slip: Integers, forces: Table,
 @kernel(allocates=True)
 def take_least_forces(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> None:
     """Put the smallest of several forces of one motion in place of those in w.force, with the signs of its corners."""
-    if not _may_be_several(m, w, slip):
+    if not may_be_several(m, w, slip):
         return
     nf = len(m.friction)
     forces = np.zeros((MOST_ALTERNATIVES, len(w.force)))
@@ -90,8 +125,7 @@ def take_least_forces(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
 
 @kernel(allocates=True)
 def _alternatives(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table,  # noqa: PLR0913 - a kernel's arrays
-                  slip: IntegerTable, force: Table,
-                  found: Cube, count: Integers) -> None:
+                  slip: IntegerTable, force: Table, found: Cube, count: Integers) -> None:
     """Fill `found` (n, k, rows + frictional) with the forces of the motion at each instant; `count` (n,): how many.
 
     `force` has those of the run. 1 where they are the only ones.
@@ -99,7 +133,7 @@ def _alternatives(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table,  # noqa
     for i in range(len(t)):
         count[i] = 1
         row_form(m, w, t[i], q[i], v[i])
-        if not _may_be_several(m, w, slip[i]):
+        if not may_be_several(m, w, slip[i]):
             continue
         for r in range(len(w.force)):
             w.force[r] = force[i, r]
@@ -155,6 +189,8 @@ def open_forces(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarra
     slip : ndarray, shape (n, frictional)
         Directions of slip; 0 at rest.
     """
+    from stiction.reference_impl.multibody.reactions import columns_of_rows
+
     m, total = mechanism.arrays, force.shape[1]
     none = OpenForces(force, np.zeros(0, dtype=np.int64), np.zeros((0, 1, total)))
     if m.unfree == 0 or not len(t):
@@ -171,8 +207,13 @@ def open_forces(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarra
     alternatives = found[rows]
     alternatives[np.arange(MOST_ALTERNATIVES) >= count[rows, None]] = np.nan
     if len(rows):
-        spread = np.nanmax(alternatives, axis=1) - np.nanmin(alternatives, axis=1)
-        differs = spread > SAME * np.nanmax(np.abs(alternatives), axis=1)
+        # relative to the largest force of the instant, each by its mobility as in `dynamics.largest_force`: a moment
+        # that is zero in all of them, but for rounding, is one and the same
+        acts, _ = columns_of_rows(m, t[rows], q[rows], v[rows])
+        unit = np.sqrt(np.einsum("nir,i->nr", acts ** 2, m.inverse_mass))
+        spread = unit * (np.nanmax(alternatives, axis=1) - np.nanmin(alternatives, axis=1))
+        largest = np.max(unit * np.nanmax(np.abs(alternatives), axis=1), axis=1, keepdims=True)
+        differs = spread > SAME * largest
         alternatives = np.where(differs[:, None, :], alternatives, np.nan)
         marked[rows] = np.where(differs, np.nan, marked[rows])
         alternatives = alternatives[:, :int(count[rows].max())]

@@ -5,8 +5,8 @@ from __future__ import annotations
 (SOLVED, RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, SIGN_CYCLE, MODE_LIMIT, CHATTER, STEP_TOO_SMALL, NOT_FINITE,
  STEP_LIMIT, CRAWL, ROOM, JAM, AUDIT, REPEAT, UNBOUNDED, SELF_LOCKING, ILL_CONDITIONED) = range(20)
 """SOLVED: a solution, and for an integration the end of its time. ROOM: an integration's log is full. REPEAT: a step
-was rejected, and is to be made anew. UNBOUNDED, SELF_LOCKING and ILL_CONDITIONED are no outcomes of a kernel: they say
-why it found none (`result.breakdown_of`)."""
+was rejected, and is to be made anew. SELF_LOCKING and ILL_CONDITIONED are no outcomes of a kernel: they say why it
+found none (`result.breakdown_of`); UNBOUNDED is one of an event only."""
 DONE = SOLVED
 
 BREAKDOWNS = {

@@ -14,11 +14,12 @@ of these margins over all guides and both directions can be made positive:
 
 F is continuous in time, and rest ends where it passes zero, not where some preferred share leaves the cones. The
 maximum of such a piecewise linear function of k variables is where k + 1 of the linear functions are equal: all of
-those points are tried, which is cheap for the one or two variables that mechanisms have.
+those points are tried, which is cheap for the one or two variables that mechanisms have. It is looked for up to the
+size of the margins only, so that it is finite where guides can wedge each other.
 
 Rigid bodies do not tell which share acts. Taken are the frictions of the smallest sum of squares, in N, that the law
-admits: equal guides share equally, whatever the masses between them; none is stressed against another without need;
-and the share is continuous up to the instant at which the last one is lost.
+admits: equal guides share equally, whatever the masses between them, and none is stressed against another without
+need. The share is continuous while the admissible ones are a convex set, as where no load changes its sign.
 """
 
 from __future__ import annotations
@@ -39,12 +40,11 @@ SHARES = 1e-6
 load by it. Rounding leaves 1e-12."""
 MOST_POINTS = 20_000
 """Points at which k + 1 linear functions are equal that are tried at most: three guides that share two variables have
-2024, four that share three 35 960."""
+2300, four that share three 40 920."""
 LINES = 4
 """Linear functions of which a margin is the largest."""
-HALVINGS = 60
-FARTHEST = 1e12
-"""Multiple of the forces up to which a share is looked for along a direction in which all margins grow."""
+ROUNDING = 1e-12
+"""Negative margin, relative to the largest, that counts as zero: of a share on the border of the cones."""
 
 
 @kernel(allocates=True)
@@ -52,8 +52,11 @@ def share_rest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
     """Put an admissible share of the load into w.force, and its margins into the event functions of the guides.
 
     `w.force` has one solution of the mode, of slip directions `slip` and corner signs `corner`. Of guides that share
-    their load the event functions become the margins of the safest share, N: rest is possible while all of them are
-    positive. Returns False where there are more than `MOST_POINTS` points to try; nothing is changed then.
+    their load all event functions become F, N: rest is possible while it is positive. Returns False where there are
+    more than `MOST_POINTS` points to try; nothing is changed then.
+
+    The margins of the safest share themselves are no event functions: where several shares are the safest, all but the
+    smallest of them jump from instant to instant. `margins_of_safest` has them where rest ends.
     """
     for c in range(count_cells(m)):
         own_m, own_w, guides = cell_of(m, w, c)
@@ -68,11 +71,41 @@ def share_rest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
             return False
         for r in range(len(own_m.origin)):
             w.force[own_m.origin[r]] = own_w.force[r]
+        least = np.inf
         for i in range(len(guides)):
             for side in range(2):
                 if not np.isnan(margins[i, side]):
-                    w.event[3 * guides[i] + side] = margins[i, side]
+                    least = min(least, margins[i, side])
+        for i in range(len(guides)):
+            for side in range(2):
+                if not np.isnan(margins[i, side]):
+                    w.event[3 * guides[i] + side] = least
     return True
+
+
+@kernel(allocates=True)
+def margins_of_safest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> Table:
+    """Margins (guides, 2) against slip along + and -, of the safest share of guides that share a load; else nan.
+
+    `w.force` has one solution of the mode. The smallest tells which guide leaves, and where to, when rest ends.
+    """
+    found, kept = np.full((len(m.friction), 2), np.nan), w.force.copy()
+    for c in range(count_cells(m)):
+        own_m, own_w, guides = cell_of(m, w, c)
+        own_slip, own_corner = taken(slip, guides), np.zeros((len(guides), corner.shape[1]), dtype=np.int64)
+        for i in range(len(guides)):
+            for k in range(corner.shape[1]):
+                own_corner[i, k] = corner[guides[i], k]
+        for r in range(len(own_m.origin)):
+            own_w.force[r] = w.force[own_m.origin[r]]
+        margins = np.full((len(guides), 2), np.nan)
+        if _share(own_m, own_w, own_slip, own_corner, margins):
+            for i in range(len(guides)):
+                for side in range(2):
+                    found[guides[i], side] = margins[i, side]
+    for r in range(len(kept)):
+        w.force[r] = kept[r]
+    return found
 
 
 @kernel(allocates=True)
@@ -100,18 +133,21 @@ def _share(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, margin
         friction[i] = -w.force[m.rows + members[i]]
         for j in range(k):
             slope_of_friction[i, j] = null[m.rows + members[i], j]
-    if _points(len(value), k + 1) > MOST_POINTS:
+    if _points(len(value) + 1, k + 1) > MOST_POINTS:
         return False
 
-    # the frictions of the smallest sum of squares, if they are admissible; else as near to them as the law admits
+    # the frictions of the smallest sum of squares, if they are admissible; else the smallest ones that are
     shortest = np.zeros(k)
     add_shortest(slope_of_friction, friction, shortest)
-    safest, best = _safest(value, slope, shortest)
-    share = shortest.copy()
+    largest = 0.0
+    for line in range(len(value)):
+        largest = max(largest, abs(value[line] + product(slope[line], shortest)))
+    safest, best = _safest(value, slope, shortest, largest)
+    share = shortest
     if _least_margin(value, slope, shortest) < 0.0:
-        part = 0.0 if best < 0.0 else _part_admissible(value, slope, safest, shortest)
-        for j in range(k):
-            share[j] = safest[j] + part * (shortest[j] - safest[j])
+        share = safest
+        if best > 0.0:
+            share = _shortest_admissible(value, slope, friction, slope_of_friction, safest, largest)
 
     for i in range(count):
         for side in range(2):
@@ -228,76 +264,92 @@ def _points(lines, size):
 
 
 @kernel(allocates=True)
-def _safest(value: Reals, slope: Table, start: Reals) -> tuple[Reals, float]:
-    """The tau of the largest smallest margin, and that margin.
+def _safest(value: Reals, slope: Table, start: Reals, most: float) -> tuple[Reals, float]:
+    """The tau at which the least margin is largest, and that margin, N, up to `most`.
 
-    Where all margins grow along a direction, guides jam by their own stress, and there is no largest one: the smallest
-    of such a stress, from `start` on, that makes the margins positive.
+    Where margins grow along a direction without end, as of guides that wedge each other, there is a corner at `most`.
     """
     k, lines = slope.shape[1], len(value)
-    best_tau, best = start.copy(), _least_margin(value, slope, start)
-    if k == 1:
-        for direction in (1.0, -1.0):
-            growth = np.inf
-            for margin in range(lines // LINES):
-                steepest = -np.inf
-                for line in range(LINES * margin, LINES * (margin + 1)):
-                    steepest = max(steepest, direction * slope[line, 0])
-                growth = min(growth, steepest)
-            if growth > 0.0:
-                return _far_enough(value, slope, start, direction)
+    best_tau, best = start.copy(), min(most, _least_margin(value, slope, start))
     A, x, unit, tau = np.zeros((k + 1, k + 1)), np.zeros(k + 1), np.zeros(2 * (k + 1)), np.zeros(k)
     chosen = np.arange(k + 1)
-    while True:
+    while best < most:
+        # number `lines` is the constant `most`
         for i in range(k + 1):
+            is_line = chosen[i] < lines
             for j in range(k):
-                A[i, j] = slope[chosen[i], j]
-            A[i, k], x[i] = -1.0, -value[chosen[i]]
+                A[i, j] = slope[chosen[i], j] if is_line else 0.0
+            A[i, k], x[i] = -1.0, -value[chosen[i]] if is_line else -most
         if solve_in_place(A, x, unit, k + 1, k + 1):
             for j in range(k):
                 tau[j] = x[j]
-            least = _least_margin(value, slope, tau)
+            least = min(most, _least_margin(value, slope, tau))
             if least > best:
                 best = least
                 for j in range(k):
                     best_tau[j] = tau[j]
-        # the next choice of k + 1 lines, in the order of numbers
-        place = k
-        while place >= 0 and chosen[place] == lines - k - 1 + place:
-            place -= 1
-        if place < 0:
-            return best_tau, best
-        chosen[place] += 1
-        for i in range(place + 1, k + 1):
-            chosen[i] = chosen[i - 1] + 1
+        if not _choose_next(chosen, lines + 1):
+            break
+    return best_tau, best
+
+
+@kernel
+def _choose_next(chosen, count):
+    """The next choice of so many of `count` numbers, in place, in the order of numbers; False behind the last."""
+    size = len(chosen)
+    place = size - 1
+    while place >= 0 and chosen[place] == count - size + place:
+        place -= 1
+    if place < 0:
+        return False
+    chosen[place] += 1
+    for i in range(place + 1, size):
+        chosen[i] = chosen[i - 1] + 1
+    return True
 
 
 @kernel(allocates=True)
-def _far_enough(value: Reals, slope: Table, start: Reals, direction: float) -> tuple[Reals, float]:
-    """The first tau of one variable along a direction at which all margins are positive, by a part of the largest."""
-    tau, size = start.copy(), 0.0
-    for line in range(len(value)):
-        size = max(size, abs(value[line] + slope[line, 0] * start[0]))
-    step = 0.0
-    steepest = 1e-300
-    for line in range(len(value)):
-        steepest = max(steepest, abs(slope[line, 0]))
-    while not _least_margin(value, slope, tau) > 0.0 and step < FARTHEST * size / steepest:
-        step = 2.0 * step if step > 0.0 else 1e-3 * size / steepest
-        tau[0] = start[0] + direction * step
-    return tau, _least_margin(value, slope, tau)
+def _shortest_admissible(value: Reals, slope: Table, friction: Reals, slope_of_friction: Table, safe: Reals,
+                         largest: float) -> Reals:
+    """The tau of the smallest sum of squared frictions at which no margin is negative; `safe` is one of them.
 
-
-@kernel(allocates=True)
-def _part_admissible(value: Reals, slope: Table, safe: Reals, wanted: Reals) -> float:
-    """Part of the way from an admissible tau to one that is not, up to which margins are not negative."""
-    low, high, tau = 0.0, 1.0, safe.copy()
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        for j in range(len(tau)):
-            tau[j] = safe[j] + middle * (wanted[j] - safe[j])
-        if _least_margin(value, slope, tau) >= 0.0:
-            low = middle
-        else:
-            high = middle
-    return low
+    It is not the smallest of all, so that it is on the border: where from one to k of the linear functions are zero. Of
+    each such choice the smallest sum of squares follows from the linear system of Lagrange's multipliers.
+    """
+    k, lines = slope.shape[1], len(value)
+    best_tau, best = safe.copy(), np.inf
+    tau = safe.copy()
+    for zeros in range(k + 1):
+        n = k + zeros
+        A, x, unit = np.zeros((n, n)), np.zeros(n), np.zeros(2 * n)
+        chosen = np.arange(max(zeros, 1))
+        while True:
+            solved = zeros == 0  # the safe one itself comes first
+            if zeros > 0:
+                for i in range(n):
+                    x[i] = 0.0
+                    for j in range(n):
+                        A[i, j] = 0.0
+                for i in range(k):
+                    for g in range(len(friction)):
+                        x[i] += slope_of_friction[g, i] * friction[g]
+                        for j in range(k):
+                            A[i, j] += slope_of_friction[g, i] * slope_of_friction[g, j]
+                for i in range(zeros):
+                    x[k + i] = -value[chosen[i]]
+                    for j in range(k):
+                        A[j, k + i] = A[k + i, j] = slope[chosen[i], j]
+                solved = solve_in_place(A, x, unit, n, n)
+                for j in range(k):
+                    tau[j] = x[j]
+            if solved and _least_margin(value, slope, tau) >= -ROUNDING * largest:
+                square = 0.0
+                for g in range(len(friction)):
+                    square += (product(slope_of_friction[g], tau) - friction[g]) ** 2
+                if square < best:
+                    best = square
+                    for j in range(k):
+                        best_tau[j] = tau[j]
+            if zeros == 0 or not _choose_next(chosen, lines):
+                break
+    return best_tau

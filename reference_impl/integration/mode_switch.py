@@ -10,18 +10,20 @@ from __future__ import annotations
 import numpy as np
 
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.coulomb import can_jam, sticks
+from stiction.reference_impl.compiled.loops import copy, is_finite
+from stiction.reference_impl.friction.coulomb import can_jam, normal_load, sticks
 from stiction.reference_impl.friction.driven_guides import driven_speed, frictionless_forces
-from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, most_capacity
+from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, most_capacity, solve_mode
 from stiction.reference_impl.friction.guides_at_rest import leave_together, rest_together
 from stiction.reference_impl.friction.mode_choice import HOLDS, LEAVES, choose_mode, other_modes
-from stiction.reference_impl.friction.outcomes import CHATTER, DONE, JAM, ROOM, SOLVED
+from stiction.reference_impl.friction.open_forces import LARGE, may_be_several, ordinary_load
+from stiction.reference_impl.friction.outcomes import CHATTER, DONE, JAM, NONE, ROOM, SOLVED, UNBOUNDED
+from stiction.reference_impl.friction.shared_rest import margins_of_safest
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.integration_state import AT_ONCE, NO_EVENT, State, noise, remember
 from stiction.reference_impl.integration.result import CORNER, REVERSAL, SAME_INSTANT, SLIP, STICK, UNCHANGED, EventLog
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
+from stiction.reference_impl.multibody.dynamics import acceleration, largest_speed, row_form
 from stiction.reference_impl.multibody.guide_freedom import DRIVEN, FREE
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 from stiction.reference_impl.multibody.projection import project
@@ -60,7 +62,12 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     if p.idle > 10 + 6 * len(m.friction):
         return CHATTER
     right_hand_side(m, w, p.time, s.y, s.slip, s.corner, s.dy)
+    if m.unfree > 0 and not is_finite(s.dy):
+        _approach(m, w, s)
     remember(m, w, s)
+    if sticks(m, s.slip, guide):
+        event = _first_to_leave(m, w, s, event)
+        guide = event // 3
     switches, function, behind = _examine_event(m, w, s, event)
     if not switches:
         p.fresh = 0
@@ -72,7 +79,12 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
         copy(s.corner[f], s.old_corner[f])
     others = 0
     if s.slip[guide] != 0 and function > 0 and p.idle < 3 + len(m.friction):
+        several = m.unfree > 0 and may_be_several(m, w, s.slip)
+        unbounded = several and _grows_without_bound(m, w, s.slip, guide)
         _change_surfaces(m, w, s, event)
+        outcome = _choose_forces_behind(m, w, s) if several else SOLVED
+        if outcome != SOLVED:
+            return UNBOUNDED if unbounded and outcome == NONE else outcome
     else:
         outcome = _change_slip(m, w, s, first_step, guide, function, behind)
         if outcome != SOLVED:
@@ -91,6 +103,32 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     remember(m, w, s)
     _log_changes(m, w, s, log, others)
     return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE
+
+
+@kernel(allocates=True)
+def _first_to_leave(m: Arrays, w: Workspace, s: State, event: int) -> int:
+    """The event of the guide at rest, and of its direction, in which rest ends at an event of a guide at rest.
+
+    Of guides that share a load, which have one event function: that of the smallest margin in the safest share. The
+    event functions become the margins.
+    """
+    force = w.force.copy()
+    regular = solve_mode(m, w, s.slip, s.corner)
+    copy(force, w.force)
+    if regular:
+        return event  # no load is shared: see `right_hand_side`
+    margins = margins_of_safest(m, w, s.slip, s.corner)
+    guide, side = event // 3, min(event % 3, 1)
+    if np.isnan(margins[guide, side]):
+        return event
+    least = np.inf
+    for f in range(len(margins)):
+        for k in range(2):
+            if not np.isnan(margins[f, k]):
+                w.event[3 * f + k] = margins[f, k]
+                if margins[f, k] < least:
+                    event, least = 3 * f + k, margins[f, k]
+    return event
 
 
 @kernel
@@ -135,8 +173,10 @@ def _way_out(m, w, s, guide):
     right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
     _look_behind(m, w, s)
     e = 3 * guide
-    function = 0 if w.event[e] < w.event[e + 1] else 1
-    return function if w.event[e + function] < -AT_ONCE * noise(s, e) else NO_EVENT
+    if not min(w.event[e], w.event[e + 1]) < -AT_ONCE * noise(s, e):
+        return NO_EVENT
+    _first_to_leave(m, w, s, e)
+    return 0 if w.event[e] < w.event[e + 1] else 1
 
 
 @kernel
@@ -348,6 +388,49 @@ def _choose_behind(m, w, s):
     outcome = choose_mode(m, w, time, s.probe[:n], s.probe[n:], s.slip, s.corner, s.rest_speed)
     _foresee_speeds(m, w, s)
     return outcome
+
+
+@kernel
+def _choose_forces_behind(m, w, s):
+    """Choose the forces behind a corner event where one motion can have several; return the outcome.
+
+    A corner force that falls to zero need not pass it: where the friction gain is 1 or more, two solutions, with either
+    sign of the force, can meet there and end together. Or it is none that falls to zero, but one that grows without
+    bound (`open_forces.bounded`). The signs just behind are those of the smallest solution that is left; NONE where
+    none is.
+    """
+    for f in range(len(m.friction)):
+        s.rest_speed[f] = HOLDS if s.slip[f] == 0 else LEAVES
+    copy(s.dy, s.K[0])
+    _look_behind(m, w, s)
+    n = len(m.inverse_mass)
+    return choose_mode(m, w, s.progress.time + BEHIND * s.attempt.h, s.probe[:n], s.probe[n:], s.slip, s.corner,
+                       s.rest_speed)
+
+
+@kernel
+def _approach(m, w, s):
+    """Accelerations of the state into s.dy, and row forces a little before it, where those of the state are infinite.
+
+    Forces that grow without bound are those of driven guides: they do not enter the accelerations.
+    """
+    n, h = len(m.inverse_mass), BEHIND * s.attempt.h
+    row_form(m, w, s.progress.time, s.y[:n], s.y[n:])
+    frictionless_forces(m, w, w.right)
+    for k in range(n):
+        s.dy[k] = s.y[n + k]
+    acceleration(m, w, w.force, s.dy[n:])
+    for k in range(2 * n):
+        s.probe[k] = s.y[k] - h * s.dy[k]
+    right_hand_side(m, w, s.progress.time - h, s.probe, s.slip, s.corner, s.K[0])
+
+
+@kernel
+def _grows_without_bound(m, w, slip, guide):
+    """Return whether the event of a corner of a driven guide is one at which its force is infinite, not zero."""
+    row, mu = m.friction[guide].row, m.friction[guide].mu
+    load = normal_load(m.friction[guide], w.force[row], w.force[row + 1], -mu * slip[guide])
+    return m.friction[guide].freedom == DRIVEN and not load < LARGE * ordinary_load(m, w, guide)
 
 
 @kernel

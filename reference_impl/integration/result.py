@@ -102,7 +102,7 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     m, guide, found = mechanism.arrays, NO_GUIDE, None
     code, guide = _cause(code, mechanism, w, slip)
     kind, reason = BREAKDOWNS[code]
-    if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT):
+    if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT, UNBOUNDED):
         _, guide = gain_of_mode(m, w, slip)
     if code == SIGN_CYCLE:
         _, _, guide = trial_and_error(m, w, slip, corner, np.zeros(len(w.force)), np.zeros_like(slip))

@@ -13,6 +13,7 @@ from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.friction.driven_guides import HELD, driven_acceleration
 from stiction.reference_impl.friction.frozen_mode import event_functions, solve_mode
+from stiction.reference_impl.friction.open_forces import bounded, ordinary_load
 from stiction.reference_impl.friction.outcomes import SOLVED
 from stiction.reference_impl.friction.shared_rest import share_rest
 from stiction.reference_impl.friction.uniqueness import COUNTED
@@ -44,12 +45,20 @@ def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers,
 
 @kernel
 def _watch_drives(m, w, slip):
-    """Event functions of driven guides at rest: minus the acceleration where their drives begin to move them.
+    """Event functions of driven guides.
 
-    No force holds them, and none is asked: the acceleration follows from the constraints.
+    At rest: minus the acceleration where their drives begin to move them. No force holds them, and none is asked: the
+    acceleration follows from the constraints. In slip: corner forces, `open_forces.bounded`.
     """
     for f in range(len(m.friction)):
-        if slip[f] == 0 and m.friction[f].freedom == DRIVEN:
+        if m.friction[f].freedom != DRIVEN:
+            continue
+        if slip[f] != 0:
+            ordinary = ordinary_load(m, w, f)
+            w.event[3 * f + 1] = bounded(w.event[3 * f + 1], ordinary)
+            if m.friction[f].length > 0.0:
+                w.event[3 * f + 2] = bounded(w.event[3 * f + 2], ordinary)
+        else:
             acceleration = driven_acceleration(m, w, f)
             if acceleration != 0.0:
                 w.event[3 * f + (0 if acceleration > 0.0 else 1)] = -abs(acceleration)

@@ -28,8 +28,8 @@ from stiction.reference_impl.integration.dop853 import (A_EXTRA, C_EXTRA, EXTRA,
 from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, are_resolved, falls_to_end,
                                                                 first_root, go_to_event, may_vanish, zero_near_end)
 from stiction.reference_impl.integration.integration_state import (AT_ONCE, NO_EVENT, NOISE, State, Task,
-                                                                   error_along_motion, noise, remember, state,
-                                                                   take_step)
+                                                                   error_along_motion, noise, remember,
+                                                                   rounding_of_terms, state, take_step)
 from stiction.reference_impl.integration.mode_switch import begin, switch_mode
 from stiction.reference_impl.integration.result import EventLog, Run, Samples, breakdown_of, columns_and_events
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
@@ -309,8 +309,8 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
     has_rows = step.has_rows != 0 and step.shorter == 0 and t_new == t + step.h
     if not step.shorter:
         for e in range(len(w.event)):
-            if max(abs(s.at_start[e]), abs(s.seen[STAGES - 1, e])) <= noise(s, e):
-                continue  # rounding, as of the corners of a guide without any load: its zeros are no events
+            if max(abs(s.at_start[e]), abs(s.seen[STAGES - 1, e])) <= rounding_of_terms(m, w, s, e):
+                continue  # as of the corners of a guide without any load: its zeros are no events
             distance = zero_near_end(s.at_start, s.seen, e)
             if BESIDE < distance < p.aim / step.h:
                 p.aim, p.aimed = distance * step.h, e

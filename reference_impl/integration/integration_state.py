@@ -128,6 +128,19 @@ def noise(s, e):
 
 
 @kernel
+def rounding_of_terms(m, w, s, e):
+    """Rounding that the terms of the instant leave in event function e, m/s or N; less than `noise` where forces grew.
+
+    A force that grows without bound makes all others look like rounding; its event function falls to zero there.
+    """
+    is_speed = e % 3 == 0 and s.slip[e // 3] != 0
+    if is_speed:
+        return noise(s, e)
+    normal = m.friction[e // 3].row
+    return NOISE * largest_term(m, w) / np.sqrt(w.G[normal, normal])
+
+
+@kernel
 def remember(m, w, s):
     """Keep the largest speed and force so far, by which rounding is judged; forces as of a guide's normal row.
 

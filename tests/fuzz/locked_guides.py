@@ -124,7 +124,7 @@ def without_friction(drawn: Drawn) -> Scene:
 def check(drawn: Drawn, run: Trajectory, smooth: Trajectory) -> list[str]:
     """What is wrong with the run of a scene, beside that without friction in the locked guides."""
     found, dense = [], Dense(drawn.scene)
-    kinds = guide_freedoms(drawn.scene, 1.0)
+    kinds = guide_freedoms(drawn.scene, 1.0).freedom
     found += [f"{name} is found {kinds[name].name}" for name in drawn.locked if kinds[name] != GuideFreedom.LOCKED]
     if (run.breakdown is None) != (smooth.breakdown is None):
         return [*found, f"ends with {run.termination}; without friction with {smooth.termination}"]

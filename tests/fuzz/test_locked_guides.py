@@ -32,4 +32,4 @@ def test_guides_that_only_seem_locked(seed, count):
     seed = randbits(32) if seed is None else seed
     for index in range(count):
         family, scene, wanted = near_miss(seed, index)
-        assert guide_freedoms(scene, 1.0)["guide-block"] == wanted, f"locked_guides.near_miss({seed}, {index}): {family}"
+        assert guide_freedoms(scene, 1.0).freedom["guide-block"] == wanted, f"locked_guides.near_miss({seed}, {index}): {family}"

@@ -202,8 +202,10 @@ def _view(labels: tuple[str, ...], rows: pd.DataFrame, nights: list[str], notes:
             name = variant if variant == "truth" else f"{variant} ({setting_of(first['parameter'], first['step'])})"
             series.append({
                 "name": f"{name}, {machine}" if several else name, "color": COLORS[place % len(COLORS)], "about": key,
-                "dash": DASHES[steps.index(first["step"]) % len(DASHES)], "marker": True, "shown": True,
-                "flags": flags, "x": [number], "y": [[block.add(values, LONG)]], "error": [[block.add(unsure)]] if timed else None})
+                "dash": DASHES[steps.index(first["step"]) % len(DASHES)], "marker": True,
+                "shown": True,
+                "flags": flags, "x": [number], "y": [[block.add(values, LONG)]],
+                "error": [[block.add(unsure)]] if timed else None})
     low, high = min(ends), max(ends)
     room = 0.05 * (high - low) or 0.5
     panel = {"label": labels[0], "log": logarithmic, "range": [low - room, high + room]}

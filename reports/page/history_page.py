@@ -202,7 +202,8 @@ def _view(labels: tuple[str, ...], rows: pd.DataFrame, nights: list[str], notes:
             name = variant if variant == "truth" else f"{variant} ({setting_of(first['parameter'], first['step'])})"
             series.append({
                 "name": f"{name}, {machine}" if several else name, "color": COLORS[place % len(COLORS)], "about": key,
-                "dash": DASHES[steps.index(first["step"]) % len(DASHES)], "marker": True, "shown": True,
+                "dash": DASHES[steps.index(first["step"]) % len(DASHES)], "marker": True,
+                "shown": True,
                 "flags": flags, "x": [number], "y": [[block.add(values, LONG)]],
                 "error": [[block.add(unsure)]] if timed else None})
     low, high = min(ends), max(ends)

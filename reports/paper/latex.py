@@ -18,7 +18,7 @@ GREEK = dict(zip(
 """Commands of Greek letters that are no Latin ones."""
 MATHEMATICS = {
     **GREEK, "µ": "mu", "∆": "Delta", "ϵ": "epsilon", "ϑ": "vartheta", "ϕ": "phi", "≤": "leq",
-    "≥": "geq", "≠": "neq", "≈": "approx", "≡": "equiv", "∼": "sim", "∝": "propto", "≪": "ll", "≫": "gg", "±": "pm",
+    "≥": "geq", "≠": "neq", "≈": "approx", "≡": "equiv", "∼": "sim", "∝": "propto", "≪": "ll", "≫": "gg",
     "∓": "mp", "×": "times", "÷": "div", "·": "cdot", "⋅": "cdot", "∘": "circ", "∞": "infty", "∂": "partial",
     "∇": "nabla", "∑": "sum", "∏": "prod", "∫": "int", "√": "surd", "∈": "in", "∉": "notin", "∅": "emptyset",
     "∪": "cup", "∩": "cap", "∧": "wedge", "∨": "vee", "¬": "neg", "⊥": "perp", "∥": "parallel", "∠": "angle",
@@ -28,7 +28,7 @@ MATHEMATICS = {
 LETTERS = {
     "ß": "ss", "ẞ": "SS", "ø": "o", "Ø": "O", "æ": "ae", "Æ": "AE", "œ": "oe", "Œ": "OE", "ł": "l", "Ł": "L",
     "đ": "dj", "Đ": "DJ", "ð": "dh", "Ð": "DH", "þ": "th", "Þ": "TH", "ŋ": "ng", "Ŋ": "NG", "ı": "i", "ȷ": "j",
-    "§": "S", "¶": "P", "…": "ldots", "•": "textbullet", "°": "textdegree", "©": "copyright",
+    "±": "textpm", "§": "S", "¶": "P", "…": "ldots", "•": "textbullet", "°": "textdegree", "©": "copyright",
     "®": "textregistered", "™": "texttrademark", "€": "texteuro", "£": "pounds", "‰": "textperthousand",
     "«": "guillemotleft", "»": "guillemotright", "‹": "guilsinglleft", "›": "guilsinglright",
     "„": "quotedblbase", "‚": "quotesinglbase"}

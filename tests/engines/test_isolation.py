@@ -27,6 +27,7 @@ from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing
                               engine_names, isolate, isolation, load_engine, run_isolated)
 from stiction.engines.gate import required_columns
 from stiction.engines.isolation import IdleChildren
+from stiction.engines.protocol import installed_version
 from stiction.scenes import InputError, Trajectory, load_scene
 
 TIMEOUT_S = 600.0  # far above what any task here takes on a busy machine; a task that is to time out gets its own
@@ -394,7 +395,7 @@ def test_a_mistake_in_an_adapter_of_others_is_shown_as_it_is():
 
 @pytest.mark.parametrize(("engine", "module", "contents", "words"), [
     ("exudyn", "exudyn", "", r"exudyn: its package is broken: AttributeError: .* no attribute 'config'; pip install --force-reinstall --no-deps 'exudyn>=1\.13\.6' brings it"),
-    ("pymunk", "pymunk", "version = '6.4.0'", r"found pymunk 6\.4\.0; expected >=7\.0; pip install 'pymunk>=7\.0' brings it"),
+    ("pymunk", "pymunk", "version = '7.3.0'", r"found pymunk 6\.4\.0; expected >=7\.0; pip install 'pymunk>=7\.0' brings it"),
     ("exudyn", "exudyn", "class config: Version = lambda: '1.13.5'", r"found exudyn 1\.13\.5; expected >=1\.13\.6; pip install 'exudyn>=1\.13\.6'"),
     ("pybullet", "pybullet", "", r"no attribute 'connect'; pip install --force-reinstall --no-deps 'pybullet>=3\.2\.7'"),
     ("mujoco", "mujoco", "raise RuntimeError('no AVX')", r"mujoco: its package is broken: RuntimeError: no AVX; .* --no-deps 'mujoco-core>=4\.0'"),
@@ -403,6 +404,10 @@ def test_a_mistake_in_an_adapter_of_others_is_shown_as_it_is():
     ("dart", "dartpy", "raise OSError('bad ELF')", r"dart: its package is broken: OSError: bad ELF; .* 'dartpy>=6\.20'")])
 def test_a_broken_package_is_told_with_what_to_install(engine, module, contents, words, tmp_path, monkeypatch):
     (tmp_path / f"{module}.py").write_text(contents)
+    if module == "pymunk":  # its version is that of its metadata
+        (tmp_path / "pymunk-6.4.0.dist-info").mkdir()
+        (tmp_path / "pymunk-6.4.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: pymunk\nVersion: 6.4.0\n")
+    installed_version.cache_clear()
     monkeypatch.syspath_prepend(tmp_path)
     for name in [name for name in sys.modules if name.partition(".")[0] == module]:
         monkeypatch.delitem(sys.modules, name)
@@ -411,6 +416,7 @@ def test_a_broken_package_is_told_with_what_to_install(engine, module, contents,
             load_engine(engine)
     finally:
         sys.modules.pop(module, None)
+        installed_version.cache_clear()
 
 
 class Halved(Engine):

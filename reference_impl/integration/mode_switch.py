@@ -128,6 +128,13 @@ def _first_to_leave(m: Arrays, w: Workspace, s: State, event: int) -> int:
                 w.event[3 * f + k] = margins[f, k]
                 if margins[f, k] < least:
                     event, least = 3 * f + k, margins[f, k]
+    zero = UNLOADED * s.progress.force
+    # several margins are the smallest at once: where one of them is that of a guide without load, it decides, as what
+    # is zero at this instant alone ends no rest
+    for f in range(len(margins)):
+        for k in range(2):
+            if margins[f, k] <= least + zero and most_capacity(m, w, f) <= zero:
+                return 3 * f + k
     return event
 
 

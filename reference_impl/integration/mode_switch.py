@@ -82,7 +82,7 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
         several = m.unfree > 0 and may_be_several(m, w, s.slip)
         unbounded = several and _grows_without_bound(m, w, s.slip, guide)
         _change_surfaces(m, w, s, event)
-        outcome = _choose_forces_behind(m, w, s) if several else SOLVED
+        outcome = _choose_forces_behind(m, w, s, event, unbounded) if several else SOLVED
         if outcome != SOLVED:
             return UNBOUNDED if unbounded and outcome == NONE else outcome
     else:
@@ -128,6 +128,13 @@ def _first_to_leave(m: Arrays, w: Workspace, s: State, event: int) -> int:
                 w.event[3 * f + k] = margins[f, k]
                 if margins[f, k] < least:
                     event, least = 3 * f + k, margins[f, k]
+    zero = UNLOADED * s.progress.force
+    # several margins are the smallest at once: where one of them is that of a guide without load, it decides, as what
+    # is zero at this instant alone ends no rest
+    for f in range(len(margins)):
+        for k in range(2):
+            if margins[f, k] <= least + zero and most_capacity(m, w, f) <= zero:
+                return 3 * f + k
     return event
 
 
@@ -391,21 +398,23 @@ def _choose_behind(m, w, s):
 
 
 @kernel
-def _choose_forces_behind(m, w, s):
+def _choose_forces_behind(m, w, s, event, unbounded):
     """Choose the forces behind a corner event where one motion can have several; return the outcome.
 
     A corner force that falls to zero need not pass it: where the friction gain is 1 or more, two solutions, with either
     sign of the force, can meet there and end together. Or it is none that falls to zero, but one that grows without
-    bound (`open_forces.bounded`). The signs just behind are those of the smallest solution that is left; NONE where
-    none is.
+    bound (`open_forces.bounded`), if `unbounded`. The signs just behind are those of the smallest solution that is
+    left; NONE where none is. A force that passes zero has its new sign there: nothing else is changed then.
     """
+    n, h = len(m.inverse_mass), BEHIND * s.attempt.h
+    for k in range(2 * n):
+        s.probe[k] = s.y[k] + h * s.dy[k]
+    right_hand_side(m, w, s.progress.time + h, s.probe, s.slip, s.corner, s.K[0])
+    if not unbounded and w.event[event] >= -AT_ONCE * noise(s, event):
+        return SOLVED
     for f in range(len(m.friction)):
         s.rest_speed[f] = HOLDS if s.slip[f] == 0 else LEAVES
-    copy(s.dy, s.K[0])
-    _look_behind(m, w, s)
-    n = len(m.inverse_mass)
-    return choose_mode(m, w, s.progress.time + BEHIND * s.attempt.h, s.probe[:n], s.probe[n:], s.slip, s.corner,
-                       s.rest_speed)
+    return choose_mode(m, w, s.progress.time + h, s.probe[:n], s.probe[n:], s.slip, s.corner, s.rest_speed)
 
 
 @kernel

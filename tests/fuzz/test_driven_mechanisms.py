@@ -41,14 +41,16 @@ def test_forces_are_all_that_obey_the_law(seed, count, names):
     assert met["1 solutions"] > 5 * count
 
 
-@pytest.mark.parametrize("index", [
-    222,  # steps went over the jam, and friction acted along the slip
-    3,  # two solutions meet where a normal force is zero, and end
-    4,  # so they do, and a third goes on
-    77,  # a force grows without bound, and another solution goes on
-    53])  # four solutions with a moment that is zero in all of them
-def test_what_failed_before(index):
-    _, scene = draw(5, index)
+@pytest.mark.parametrize(("seed", "index"), [
+    (5, 222),  # steps went over the jam, and friction acted along the slip
+    (5, 3),  # two solutions meet where a normal force is zero, and end
+    (5, 4),  # so they do, and a third goes on
+    (5, 77),  # a force grows without bound, and another solution goes on
+    (5, 53),  # four solutions with a moment that is zero in all of them
+    (9, 1045),  # guides without any load beside one whose force passes zero
+    (9, 1179)])  # two corner forces pass zero one after the other
+def test_what_failed_before(seed, index):
+    _, scene = draw(seed, index)
     run = ReferenceEngine().simulate(scene, t_end=T_END, output_step=T_END / ROWS, rtol=1e-9)
     found, _ = check(scene, run)
     assert not found, "\n".join(found)

@@ -61,3 +61,11 @@ def test_masses_of_rods_have_no_influence_on_the_share(seed, count):
         for name in names:
             assert np.max(np.abs(runs[0][name] - runs[1][name])) < 1e-7 * size, f"draw({seed}, {index}), {name}"
     assert compared
+
+
+@pytest.mark.parametrize(("seed", "index"), [(1, 11), (11, 562)])
+def test_a_guide_whose_load_passes_zero_ends_no_rest(seed, index):
+    """Its capacity, and F with it, touches zero: the others went on holding, and slipped and stuck at that instant."""
+    family, scene = draw(seed, index)
+    run = ReferenceEngine().simulate(scene, t_end=T_END, output_step=T_END / ROWS, rtol=1e-9)
+    assert check(scene, run) == ([], "all rest") and run.events == ()

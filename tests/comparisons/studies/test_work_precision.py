@@ -30,7 +30,7 @@ def test_longer_series_have_each_step_once():
 def smooth() -> pd.DataFrame:
     """A frictionless, smooth stretch: methods show the order that they promise.
 
-    The load starts at its amplitude: a symplectic Euler method that starts without acceleration is of order 2 by luck.
+    The load starts at its amplitude, so that no method gains an order by a start without acceleration.
     """
     variants = (Variant("paper", "reference", "dt", (0.08, 0.04, 0.02), settings=PAPER), Variant("exudyn", "exudyn", "dt", (0.02, 0.01)),
                 Variant("pymunk", "pymunk", "dt", (0.02, 0.01)), Variant("hopeless", "reference", "dt", (99.0, 0.02), settings=PAPER))
@@ -38,7 +38,7 @@ def smooth() -> pd.DataFrame:
         return work_precision(load_scene(CASE + "-frictionless", {"load.phase": "pi/2"}), variants, t_end=2.0, repeats=1).make().table
 
 
-@pytest.mark.parametrize(("variant", "order"), [("paper", 4), ("exudyn", 2), ("pymunk", 1)])
+@pytest.mark.parametrize(("variant", "order"), [("paper", 4), ("exudyn", 2), ("pymunk", 2)])  # pymunk is a leapfrog scheme while no guide changes its mode
 def test_orders_on_a_smooth_stretch(smooth, variant, order):
     # the next term of the error is O(h Omega) of the leading one, here up to 0.13, which moves an order by up to ln(1.13)/ln 2 = 0.18
     found = smooth[smooth["variant"] == variant]["order, position [-]"].dropna()

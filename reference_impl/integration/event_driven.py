@@ -19,6 +19,7 @@ from stiction.reference_impl.compiled.bundle import Reals
 from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.coulomb import sticks
+from stiction.reference_impl.friction.frozen_mode import event_functions
 from stiction.reference_impl.friction.outcomes import (AUDIT, CRAWL, DONE, NOT_FINITE, REPEAT, ROOM, SEVERAL,
                                                        STEP_LIMIT, STEP_TOO_SMALL)
 from stiction.reference_impl.friction.solver_names import AUTOMATIC, named
@@ -405,6 +406,9 @@ class Integration:
         """Accelerations, event functions and row forces of another state, in the contact mode at the end of the run."""
         m, w, s, dy = self._mechanism.arrays, self._workspace, self._state, np.zeros(2 * len(q))
         right_hand_side(m, w, t, np.concatenate([q, v]), s.slip, s.corner, dy)
+        if m.unfree > 0:
+            # corner forces themselves, not what `open_forces.bounded` makes of them, which depends on mobilities
+            event_functions(m, w, s.slip, s.corner)
         return dy[len(q):], w.event.copy(), w.force.copy()
 
     @cached_property

@@ -65,7 +65,7 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     if m.unfree > 0 and not is_finite(s.dy):
         _approach(m, w, s)
     remember(m, w, s)
-    if sticks(m, s.slip, guide):
+    if len(m.friction) > 1 and sticks(m, s.slip, guide):
         event = _first_to_leave(m, w, s, event)
         guide = event // 3
     switches, function, behind = _examine_event(m, w, s, event)

@@ -109,7 +109,6 @@ def changes(findings: Sequence[Finding]) -> str:
     What is merely new is counted, and so are the runs of extras that are not installed, below the table.
     """
     groups: dict[tuple[str, ...], list[Finding]] = {}
-    absent = Counter(finding.reason for finding in findings if _is_absent(finding))
     for finding in findings:
         if finding.severity != NEW and not _is_absent(finding):
             # one row for all variants of an engine that is not installed
@@ -123,9 +122,10 @@ def changes(findings: Sequence[Finding]) -> str:
     lines = [markdown(pd.DataFrame(rows)) if rows else "Nothing changed beyond noise."]
     if len(groups) > SHOWN:
         lines.append(f"and {len(groups) - SHOWN} more lines, none worse than these.")
+    if absent := sum(map(_is_absent, findings)):
+        lines.append(f"{runs(absent)} of engines that are not installed {'were' if absent != 1 else 'was'} not made.")
     if new := sum(finding.severity == NEW for finding in findings):
         lines.append(f"{new} runs or numbers are not in the baseline; {_UPDATE} adds them.")
-    lines += [f"{runs(count)} of an engine that is not installed: {reason}." for reason, count in absent.items()]
     if any(finding.severity == BETTER for finding in findings):
         lines.append(f"What has become better is no failure; {_UPDATE} makes it what is expected from now on.")
     return "\n\n".join(lines)

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from stiction.comparisons.campaigns.participants import variant
-from stiction.comparisons.measures.accuracy import KINDS, effort_error, errors, graph, missed, truth_graph
-from stiction.comparisons.measures.distances import l1
+from stiction.comparisons.measures.accuracy import KINDS, effort_error, errors, graph, missed, truth_over_time
+from stiction.comparisons.measures.distances import Graph, l1
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.methods import groups
 from stiction.comparisons.presentation.cells import uncertainty_of, with_uncertainty
@@ -51,7 +51,7 @@ def test_error_of_the_effort_does_not_depend_on_the_output(truth):
     fine, coarse = run(1e-3, dt=1e-3), run(2e-2, dt=1e-3)
     one, other = (effort_error(found, truth, EFFORT) for found in (fine, coarse))
     assert abs(one.value - other.value) <= one.uncertainty + other.uncertainty < 0.1 * one.value
-    by_interpolation = l1(graph(coarse, EFFORT), truth_graph(truth, EFFORT, coarse.t)).value / coarse.t[-1]
+    by_interpolation = l1(graph(coarse, EFFORT), Graph(*truth_over_time(truth, EFFORT, coarse.t))).value / coarse.t[-1]
     assert abs(by_interpolation - one.value) > abs(other.value - one.value)
 
 

@@ -213,7 +213,7 @@ class Campaign(Model):
 
     @property
     def every(self) -> tuple[str, ...]:
-        """Names of the scenes on which a check runs every variant; there the path of all fixed steps is measured."""
+        """Names of the scenes on which a check runs every variant."""
         return tuple(Path(name).stem for name in self.check.every) if self.check is not None else ()
 
     @property

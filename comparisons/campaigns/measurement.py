@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 TRUTH = "truth"
 """Kind of the numbers that say what is true, and engine and variant of their rows."""
 MOTION = "motion"
-"""Kind of the path of a run with fixed steps."""
+"""Kind of the positions of all bodies at the end of a run, and of the path of one with fixed steps."""
 Kind = Literal["accuracy", "motion", "event", "drift", "counter", "time"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 """Kinds of numbers that can be measured of a run."""
@@ -49,6 +49,12 @@ _ACCURACY = {"position error [m]": "position uncertainty [m]", "velocity error [
 _EVENTS = ("events matched", "events missed", "events spurious")
 _DRIFT = ("position drift, max [m]", "velocity drift, max [m/s]")
 PATH = "path of the bodies [m]"
+AT_THE_END = "at the end"
+END_MOVED = 1e-6
+"""Part of the mechanism's size by which fixed steps may end elsewhere: they stay where they are, as in `tolerances`."""
+END_TOLERANCES = 1e3
+"""Tolerances by which an adaptive run may end elsewhere: other rounding rejects other steps, and the errors of a run
+are a hundred tolerances. Its errors are held to closer bounds."""
 OUTPUT_STEP = 0.01
 """Seconds between the instants at which errors are measured."""
 _STATE = {"x": "m", "y": "m", "angle": "rad"}
@@ -119,7 +125,8 @@ def outcome_of(status: str, reason: str) -> str:
 class PlannedRun:
     """A variant with a step on a scene, or the truth of a scene where `variant` is None.
 
-    The path of one that is `followed` is measured as well. A run that is made again has a `way`, one of `WAYS`.
+    One that is `followed` is of a scene on which a check runs every variant. A run that is made again has a `way`, one
+    of `WAYS`.
     """
 
     scene: Scene
@@ -159,9 +166,7 @@ class PlannedRun:
         """Return the measurement, for `stiction.engines.isolate`; `row_of` makes a row of its outcome."""
         if self.variant is None:
             return Task(self.key, _truth_row, (self,))
-        followed = self.followed and self.variant.parameter == "dt"
-        measured = tuple(kind for kind in kinds if kind != MOTION or followed)
-        return Task(self.key, _run_row, (self, self.variant, measured, repeats))
+        return Task(self.key, _run_row, (self, self.variant, tuple(kinds), repeats))
 
 
 def row_of(run: PlannedRun | Draw, outcome: Outcome) -> Row:
@@ -198,7 +203,7 @@ def _run_row(run: PlannedRun, variant: Variant, kinds: Collection[str], repeats:
     arguments = job(run.scene, variant, run.step, output_step=output_step).arguments
     trajectory = solver.simulate(given, **arguments)
     status, reason = "ok", "" if trajectory.termination == "end" else trajectory.termination
-    found, metrics = drift(trajectory), [Metric(PATH, MOTION, path_length(trajectory))]
+    found, metrics = drift(trajectory), [*_motion(trajectory, scene, variant.parameter, run.step)]
     metrics += [Metric(name, "drift", found[name], ROUNDING, CLOSED_FORM) for name in _DRIFT if name in found]
     if (decay := decay_error(trajectory, scene)) is not None:
         metrics.append(Metric(DECAY_ERROR, "drift", decay.value, decay.uncertainty, CLOSED_FORM))
@@ -224,6 +229,25 @@ def _errors(found: Mapping[str, Any], truth: Truth) -> Iterator[Metric]:
     yield from (Metric(name, "event", found[name], tier=truth.tier) for name in _EVENTS if name in found)
 
 
+def _motion(trajectory: Trajectory, scene: Scene, parameter: str, step: float) -> Iterator[Metric]:
+    """Where the bodies are at the end, and how far they went in fixed steps.
+
+    The uncertainty of an end position is the change that is none: for fixed steps `END_MOVED` of the mechanism's size,
+    or of the position; for tolerances `END_TOLERANCES` of them. A run that ended early has none: when it does so may
+    depend on rounding.
+    """
+    if parameter != "rtol":
+        yield Metric(PATH, MOTION, path_length(trajectory))
+    if trajectory.termination != "end":
+        return
+    size, part = size_of(scene), END_TOLERANCES * step if parameter == "rtol" else END_MOVED
+    for body in scene.bodies:
+        for label, unit in _STATE.items():
+            value = float(trajectory[f"{body}.{label}"][-1])
+            scale = max(abs(value), 1.0 if unit == "rad" else size)
+            yield Metric(f"{body}.{label} {AT_THE_END} [{unit}]", MOTION, value, part * scale)
+
+
 def path_length(trajectory: Trajectory) -> float:
     """Return the length of the paths of all bodies; unlike an error, it changes where a run moves towards the truth."""
     bodies = [name.removesuffix(".vx") for name in trajectory.columns if name.endswith(".vx")]
@@ -235,7 +259,7 @@ def _truth_row(run: PlannedRun) -> Row:
     """Find where the bodies are at the end, and the events on the way, in the child."""
     truth = ground_truth(run.scene)
     end = truth(np.array([truth.t_end]))
-    metrics = [Metric(f"{body}.{name} at the end [{unit}]", TRUTH, float(end[f"{body}.{name}"][0]),
+    metrics = [Metric(f"{body}.{name} {AT_THE_END} [{unit}]", TRUTH, float(end[f"{body}.{name}"][0]),
                       truth.uncertainty.get(f"{body}.{name}"), truth.tier)
                for body in run.scene.bodies for name, unit in _STATE.items() if f"{body}.{name}" in end]
     times: dict[tuple[str, str], list[float]] = defaultdict(list)

@@ -112,6 +112,7 @@ def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], ti
                       for fixed, now, why in moved_truths(row, expected)]
             found += _compared(row, expected, kinds, times.get(row.key), expected.conditions == conditions)
     found += _of_turns(compared, turns)
+    found += _without_ends(compared, baseline)
     return sorted(found, key=lambda f: (SEVERITIES.index(f.severity), _RANKS.index(f.kind), -f.ratio, f.key, f.metric))
 
 
@@ -157,6 +158,8 @@ def _compared(row: Row, expected: Expected, kinds: Collection[str], times: Times
     measured, known = {metric.name: metric for metric in row.metrics}, expected.metrics
     for name, new in measured.items():
         if name not in known:
+            if new.kind == MOTION:  # `_without_ends`, once for all
+                continue
             yield Finding(NEW, new.kind, row.key, name, None, new.value, math.inf, "the baseline does not have it")
     for name, old in known.items():
         if name not in measured:
@@ -164,7 +167,7 @@ def _compared(row: Row, expected: Expected, kinds: Collection[str], times: Times
                 yield _gone(row, old)
             continue
         why = not_judged(old, row.parameter)
-        if not alike and old.rounding is None and old.kind in FURTHER:
+        if not alike and old.rounding is None and old.kind in (*FURTHER, MOTION):
             why = "not judged: made under other conditions, and how far rounding moves it was not measured"
         rule = _of_error if old.kind in ("accuracy", "drift") else _of_number
         found = (times and _of_time(row.key, old, times, alike) if old.kind == "time"
@@ -172,6 +175,21 @@ def _compared(row: Row, expected: Expected, kinds: Collection[str], times: Times
         if found:
             found = replace(found, reason=found.reason + _other_version(row, expected))
             yield replace(found, severity=NOT_JUDGED, reason=f"{why}; {found.reason}") if why else found
+
+
+def _without_ends(rows: Iterable[Row], baseline: Baseline) -> Iterator[Finding]:
+    """Say of how many runs a baseline of an earlier version has no motion; it is not held against them."""
+    keys = []
+    for row in rows:
+        expected = baseline.expected(row)
+        new = [metric.name for metric in row.metrics if metric.kind == MOTION]
+        if expected is not None and expected.outcome == row.outcome and not expected.motion.keys() >= {*new}:
+            keys.append(row.key)
+    if keys:
+        others = f" and {len(keys) - 1} others" if len(keys) > 1 else ""
+        yield Finding(NEW, MOTION, keys[0] + others, "positions at the end", None, None, math.inf,
+                      "the baseline, of an earlier version, does not have them: `stiction baseline update` records "
+                      "them")
 
 
 def _gone(row: Row, old: Metric) -> Finding:
@@ -199,8 +217,12 @@ def _of_number(row: Row, old: Metric, new: Metric) -> Finding | None:
         return None
     severity, ratio = REGRESSION, _ratio(old.value, new.value)
     if old.kind == MOTION:
-        words = (f"by {abs(new.value / old.value - 1):.2g} of itself; allowed {PATH_MOVED:g}: fixed steps stay where "
-                 "they are")
+        if old.uncertainty is None:
+            words = (f"by {abs(new.value / old.value - 1):.2g} of itself; allowed {PATH_MOVED:g}: fixed steps stay "
+                     "where they are")
+        else:
+            words = f"it ends {abs(moved):.2g} from where it did; allowed {allowed:.2g}"
+            ratio = abs(moved) / allowed if allowed else math.inf
     elif old.kind == TRUTH:
         ratio = math.inf
         words = f"the run that stands in for a truth has moved by {abs(moved):.2g}; allowed {allowed:.2g}"

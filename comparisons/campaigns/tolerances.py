@@ -41,7 +41,9 @@ def bound(error: float, parameter: str, margin: float) -> float:
 
 def tolerance(old: Metric, uncertainty: float) -> float:
     """Return the largest change of a number other than an error, whose truths are as uncertain as this together."""
-    return {"event": 0.0, "counter": FURTHER["counter"] * (old.rounding or 0.0), MOTION: PATH_MOVED * old.value,
+    if old.kind == MOTION:  # an end position has what is no change as its uncertainty, a path has none
+        return PATH_MOVED * old.value if old.uncertainty is None else old.uncertainty
+    return {"event": 0.0, "counter": FURTHER["counter"] * (old.rounding or 0.0),
             TRUTH: MARGIN[OWN_RUN] * uncertainty}[old.kind]
 
 

@@ -20,6 +20,7 @@ from stiction.cli.options import (BaselineFile, CampaignFile, Engines, ExecutorN
 from stiction.cli.render import or_shown, progress, show_summary
 
 if TYPE_CHECKING:
+    from stiction.comparisons.campaigns.baseline import Baseline
     from stiction.comparisons.campaigns.campaign import Campaign
     from stiction.comparisons.campaigns.checkpoint import KeptRuns
     from stiction.comparisons.campaigns.measurement import Row
@@ -121,7 +122,6 @@ def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine
             out: Annotated[Path, typer.Option(
                 metavar="DIR", help="Folder of history.sqlite and of a folder per night.")] = Path("nightly")) -> None:
     """Run a campaign, or the rest of an interrupted night, add it to the history, and report what changed."""
-    from stiction.comparisons.campaigns.baseline import load_baseline
     from stiction.comparisons.campaigns.executors import open_isolate
     from stiction.comparisons.campaigns.history import HistoryRefused
     from stiction.comparisons.campaigns.nightly import run_night
@@ -130,7 +130,7 @@ def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine
     def publish(result: Result) -> None:
         write_night(result, _exit_code(result.verdict), out / result.name.replace(":", ""))
 
-    chosen, expected = _campaign(campaign, engine, scenes), load_baseline(baseline)
+    chosen, expected = _campaign(campaign, engine, scenes), _held_to(campaign, baseline)
     if executor != "processes" and "time" in chosen.measure:
         raise typer.BadParameter(f"found {executor!r}, and the campaign {chosen.name} measures time; expected "
                                  "processes, or a campaign whose `measure` leaves it out", param_hint="--executor")
@@ -156,13 +156,12 @@ def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: 
               metavar="DIR", help="Checkout of the code before (git worktree add DIR main): runs are timed in turns "
               "with it. Without it no verdict rests on time.")] = None) -> None:
     """Run the fast part of a campaign and print what changed beyond noise, worst first, as Markdown."""
-    from stiction.comparisons.campaigns.baseline import load_baseline
     from stiction.comparisons.campaigns.history import HistoryRefused
     from stiction.comparisons.campaigns.nightly import HISTORY, run_check
     from stiction.comparisons.timing.older_code import ControlRefused
 
     usual = Path("nightly") / HISTORY
-    chosen, expected = _campaign(campaign, engine, scenes), load_baseline(baseline)
+    chosen, expected = _campaign(campaign, engine, scenes), _held_to(campaign, baseline)
     try:
         with progress(f"check of {chosen.name}") as bar:
             result = run_check(chosen, expected, history or (usual if usual.is_file() else None), control,
@@ -234,6 +233,16 @@ def _campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> C
         return found if engine is None else found.of_engine(engine)
     except EngineMissing as error:
         raise ended(COULD_NOT_RUN, str(error)) from None
+
+
+def _held_to(campaign: Path | None, baseline: str | None) -> Baseline:
+    """Return the baseline of a night or check; that of the suite is of its own campaign alone, unless it is named."""
+    from stiction.comparisons.campaigns import baseline as files
+    from stiction.comparisons.campaigns.campaign import DEFAULT
+
+    if baseline is None and campaign is not None and campaign.resolve() != DEFAULT.resolve():
+        return files.Baseline(format=files.FORMAT)
+    return files.load_baseline(baseline)
 
 
 def _conclude(result: Result) -> None:

@@ -192,7 +192,7 @@ CampaignFile = Annotated[Path | None, typer.Argument(
     metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given.")]
 BaselineFile = Annotated[str | None, typer.Option(
     "--baseline", metavar="REF", help="A file, a commit (its version of the suite's own baseline), or COMMIT:PATH; "
-    "the suite's own if not given.")]
+    "the suite's own if neither this nor a campaign is given.")]
 OneEngine = Annotated[str | None, typer.Option(
     "--engine", metavar="NAME", callback=_engine, help="This engine alone: a name, module:Class or a program's "
     "FILE.toml, a FILE.fmu. A class derived from an engine of the campaign takes its place.")]

@@ -352,3 +352,69 @@ def test_an_engine_whose_friction_is_one_percent_off_is_found(folder, monkeypatc
     monkeypatch.setattr(FrictionBound, "__init__", damaged)
     ended = invoke("check", "pymunk.toml", "--baseline", "b.toml", exit_code=REGRESSED)
     assert ("regression", PATH) in lines(ended.output), ended.output
+
+
+EULER = """
+import numpy as np
+from stiction.engines.pymunk.engine import PymunkEngine
+from stiction.engines import Capabilities, Engine
+from stiction import Trajectory, recover_columns
+from stiction.scenes.columns import BODY_COLUMNS
+
+
+class Euler(Engine):
+    '''A block that slides down an incline: the end of a step moves it, or its beginning (`explicit`).'''
+
+    name, version, explicit = "euler", "1", False
+    capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": True}, friction_law={"joint": "Coulomb"}, reactions="momentum balance", order="1")
+
+    def refusal(self, scene, fidelity):
+        return None
+
+    def run(self, scene, *, t_end, dt, rtol, fidelity, output_step, settings):
+        [guide], [body] = scene.guides.values(), scene.bodies.values()
+        (dx, dy), g = guide.direction, scene.gravity[1]
+        a = g * dy - guide.mu * abs(g * dx)
+        n = round(t_end / dt)
+        s = v = 0.0
+        way, speed = [0.0], [0.0]
+        for _ in range(n):
+            old, v = v, v + dt * a
+            s += dt * (old if self.explicit else v)
+            way.append(s), speed.append(v)
+        motion = [np.outer(values, [dx, dy, 0.0]) for values in (way, speed, np.full(n + 1, a))]
+        motion[0] += [*body.position, body.angle]
+        t = dt * np.arange(n + 1)
+        return Trajectory(scene.name, self.name, self.version, fidelity, t, recover_columns(scene, t, *motion), settings={"dt": dt})
+
+
+class Explicit(Euler):
+    explicit = True
+"""
+
+
+def test_a_step_that_ends_on_the_other_side_of_the_truth_is_found(folder, monkeypatch):
+    """Errors of explicit and semi-implicit Euler have one size, and velocities are equal: only positions tell."""
+    (folder / "euler_solvers.py").write_text(EULER)
+    monkeypatch.syspath_prepend(folder)
+    campaign = 'scenes = ["block-on-incline"]\n[variants.mine]\nengine = "euler_solvers:Euler"\ndt = [1e-2]\n'
+    (folder / "mine.toml").write_text(campaign)
+    invoke("baseline", "update", "mine.toml", "--file", "b.toml", "--reason", "first")
+    invoke("check", "mine.toml", "--baseline", "b.toml")
+    ended = invoke("check", "mine.toml", "--baseline", "b.toml", "--engine", "euler_solvers:Explicit", exit_code=REGRESSED)
+    assert ("regression", "slider.x at the end [m]") in lines(ended.output), ended.output
+
+
+def test_a_baseline_without_end_positions_is_accepted_with_a_note(folder, small_baseline):
+    text = Path(small_baseline).read_text().splitlines()
+    (folder / "old.toml").write_text("\n".join(line for line in text if not line.startswith("motion.")) + "\n")
+    ended = invoke("check", "small.toml", "--baseline", "old.toml", exit_code=FINE)
+    assert "1 runs or numbers are not in the baseline; `stiction baseline update" in ended.output, ended.output
+
+
+def test_a_campaign_of_ones_own_is_not_held_to_the_baseline_of_the_suite(folder):
+    """Though the run has the identity of one of the suite's."""
+    (folder / "a.toml").write_text(f'scenes = [{CASE}]\nmeasure = ["accuracy", "motion"]\n[variants.pymunk]\nengine = "pymunk"\ndt = [1e-2]\n')
+    assert "0 compared" in invoke("nightly", "a.toml", "--out", "n", exit_code=NOT_COMPARED).output
+    assert "1 compared" in invoke("nightly", "a.toml", "--out", "n", exit_code=FINE).output
+    assert "0 compared" in invoke("check", "a.toml", exit_code=NOT_COMPARED).output

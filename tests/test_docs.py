@@ -24,6 +24,7 @@ import pytest
 from conftest import invoke
 
 import stiction
+from stiction.comparisons.campaigns.baseline import DEFAULT
 from stiction.comparisons.campaigns.campaign import load_campaign
 from stiction.engines import EngineMissing, engine_names, load_engine
 from stiction.engines.fmu.variables import Map
@@ -353,7 +354,7 @@ class TestCampaign:
         text = file_in(self.PAGE, "campaign.toml").replace(old, other) if old else file_in(self.PAGE, "campaign.toml")
         text = text.replace('"projection"', '"baumgarte"') if other == "reference" else text
         (tmp_path / "campaign.toml").write_text(text.replace('"time"]', "]"))
-        ended = invoke("nightly", "campaign.toml")
+        ended = invoke("nightly", "campaign.toml", "--baseline", str(DEFAULT))
         assert "**fine" in ended.output, ended.output
         [summary] = tmp_path.glob("nightly/*/summary.json")
         findings = json.loads(summary.read_text())["findings"]

@@ -29,6 +29,7 @@ from stiction.comparisons.truth_folder import is_truth_folder, read_truth
 from stiction.engines import coherence
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate, changed_modes
 from stiction.reference_impl.energies import needed_columns, unaccounted_energy
+from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Event, InputError, Scene, Trajectory, load_scene, vary
@@ -43,6 +44,9 @@ STILL, ROUNDED = 1e-3, 1e-6
 over the time of the scene is rounding."""
 RESOLVED = 3
 """Samples within a stick phase, at least, for a table to show it: the first and the last may belong to its ends."""
+PLACES, HELD = 21, 1e-6
+"""Instants at which the free motions of a mechanism are looked at, and the part of one in them up to which a coordinate
+is held: a truth without some of the bodies' angles leaves rounding, a free coordinate has a thousandth and more."""
 PHASE = ["guide", "begin [s]", "end [s]", "duration [s]", "samples", "verdict", "fastest slip [m/s]"]
 """Columns of a stick phase."""
 
@@ -87,6 +91,31 @@ class Judgement:
         t, end = self.trajectory.t, self.scene.t_end
         step = (1 + 1e-6) * min(_step(t), FEW * end)
         return bool(t[0] <= step and t[-1] + step >= end)
+
+    @property
+    def widest_gap(self) -> float:
+        """Longest time between two instants of the table, s."""
+        return float(np.max(np.diff(self.trajectory.t)))
+
+    @property
+    def is_covered(self) -> bool:
+        """True where no two instants of the table are further apart than `FEW` of the scene's time."""
+        return self.widest_gap <= FEW * self.scene.t_end * (1 + 1e-6)
+
+    @cached_property
+    def held(self) -> tuple[str, ...]:
+        """Columns of positions that drives and joints alone prescribe, whatever forces act, among those judged.
+
+        None where they prescribe the whole motion: then positions can be wrong by nothing else.
+        """
+        known = self.in_metres("error").notna()
+        judged = list(self.tables["errors"].loc[known, "column"])
+        return tuple(sorted({*judged} & prescribed(self.scene, self.truth)))
+
+    @property
+    def says_nothing(self) -> bool:
+        """True where all positions that are judged are `held`."""
+        return set(self.tables["errors"].loc[self.in_metres("error").notna(), "column"]) <= {*self.held}
 
     @property
     def hints(self) -> dict[str, list[str]]:
@@ -228,6 +257,35 @@ def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
     way = {**found.columns, **columns}
     return columns | {f"{guide}.slip_velocity": np.gradient(way[f"{guide}.displacement"], found.t)
                       for guide in scene.guides if f"{guide}.displacement" in way}
+
+
+def prescribed(scene: Scene, truth: Truth) -> set[str]:
+    """Return the columns of positions that no force moves: their coordinates have no part in any free motion.
+
+    Free motions are the null space of the constraints' Jacobian, J v = 0, in the positions of the start and of the
+    truth at `PLACES` instants; a coordinate that a singular position alone holds has a part in another. Empty where
+    there is no free motion.
+    """
+    mechanism, equations = Mechanism(scene, stabilization="none"), EquationsOfMotion(scene)
+    start, rates = equations.start()
+    names = [f"{body}.{label}" for body in scene.bodies for label in POSITIONS]
+    t = np.linspace(0.0, min(scene.t_end, truth.t_end), PLACES)
+    q = np.tile(start, (PLACES, 1))
+    for place, name in enumerate(names):
+        if truth.tier != NO_TRUTH and name in (true := truth(t)):
+            q[:, place] = true[name]
+    free: list[np.ndarray] = []
+    scale = np.tile([1.0, 1.0, mechanism.arrays.length_scale], len(scene.bodies))
+    for time, here in zip(t, q):
+        J = equations.at(float(time), here, rates).J / scale
+        _, size, right = np.linalg.svd(J)
+        rank = np.count_nonzero(size > HELD * np.max(size, initial=0.0))
+        free.append(right[rank:])
+    fewest = min(map(len, free))  # in a singular position there are more
+    if fewest == 0:
+        return set()
+    moves = np.max(np.abs([motions for motions in free if len(motions) == fewest]), axis=(0, 1))
+    return {name for name, part in zip(names, moves) if part <= HELD}
 
 
 def _step(t: np.ndarray) -> float:

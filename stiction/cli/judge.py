@@ -90,7 +90,9 @@ def dataset(folder: Annotated[Path, typer.Argument(
 
 
 def _verdict(judged: Judgement, max_error: float | None) -> tuple[int, str] | None:
-    """Exit code and reason of a table that is misread, or misses the bound."""
+    """Exit code and reason of a table that is misread, misses the bound, or cannot be held to it."""
+    from stiction.comparisons.judgement import FEW
+
     origin, error, unsure, t = judged.table.origin, judged.error, judged.uncertainty, judged.trajectory.t
     if judged.is_misread:
         causes = "; ".join(f"{', '.join(columns)}: {cause}" for cause, columns in judged.hints.items())
@@ -107,4 +109,11 @@ def _verdict(judged: Judgement, max_error: float | None) -> tuple[int, str] | No
                            "s (--t-end says otherwise)")
     if error > max_error:
         return REGRESSED, f"{origin}: position error {error:.3g} m; expected at most {max_error:g} m"
+    if not judged.is_covered:
+        return BAD_INPUT, (f"{origin}: found rows {judged.widest_gap:g} s from each other; expected at most "
+                           f"{FEW * judged.scene.t_end:g} s, a tenth of the scene: what lies between was not "
+                           "judged")
+    if judged.says_nothing:
+        return BAD_INPUT, (f"{origin}: found no position but {', '.join(judged.held)}, which drives and joints "
+                           "prescribe; expected one that forces move: these say nothing of a solver")
     return None

@@ -43,6 +43,9 @@ def test_a_right_table(judge):
     (lambda frame: 1e3 * frame[["t", "slider.x"]], ["--units", "ms"], 2),
     (lambda frame: frame.assign(**{"motor.effort": -frame["motor.effort"]}), ["--max-error", "1"], 2),
     (lambda frame: frame.rename(columns={"t": "zeit"}), [], 2), (lambda frame: frame.rename(columns={"t": "zeit"}), ["--map", "zeit=t"], 0),
+    (lambda frame: frame[["t", "bar.angle"]], ["--max-error", "1e-6"], 2), (lambda frame: frame[["t", "slider.y"]], ["--max-error", "1e-6"], 2),
+    (lambda frame: frame[["t", "bar.y", "slider.y", "bar.angle"]], ["--max-error", "1e-6"], 2), (lambda frame: frame[["t", "slider.x"]], ["--max-error", "1e-6"], 0),
+    (lambda frame: frame.iloc[[0, -1]], ["--max-error", "1e-6"], 2), (lambda frame: frame.iloc[::200], ["--max-error", "1e-6"], 0),
     (lambda frame: frame[["t", "motor.effort"]], ["--max-error", "1"], 2), (lambda frame: frame, ["--max-error", "1e-17"], 2),
     (lambda frame: frame, ["--units", "inch"], 2), (lambda frame: frame, ["--map", "x"], 2), (lambda frame: frame, ["--out", "result.csv"], 2)])
 def test_exit_codes(judge, frame, change, arguments, code):

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import stiction
-from stiction.comparisons.judgement import FOUND, INVENTED, MISSED, UNRESOLVED, judge
+from stiction.comparisons.judgement import FOUND, INVENTED, MISSED, UNRESOLVED, judge, prescribed
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.scenes import load_scene
 from stiction.scenes.result_table import parse_units
@@ -191,3 +191,12 @@ def test_events_of_a_table_without_modes_are_those_of_the_truth():
     judged = judge(CASE, only(true_table(two_sided=True), ".x", ".effort"))
     found, true = events_frame(judged.trajectory.events), events_frame(judged.truth.events)
     assert list(found["kind"]) == list(true["kind"])
+
+
+@pytest.mark.parametrize(("name", "held"), [
+    ("slider-bar-case-1", {"bar.y", "bar.angle", "slider.y", "slider.angle"}), ("slider-crank", set()), ("four-bar", {"coupler-1.angle", "coupler-2.angle"}), ("pendulum", set()),
+    ("block-on-incline", {"slider.angle"}), ("coulomb-oscillator", {"slider.y", "slider.angle"})])
+def test_coordinates_that_no_force_moves(name, held):
+    """Those of guides and drives, and of the couplers of parallelograms, which do not turn; none where all of the motion is prescribed."""
+    scene = load_scene(name)
+    assert prescribed(scene, ground_truth(scene)) == held

@@ -45,8 +45,8 @@ BALANCED = (
 
 def presentation(judged: Judgement) -> Presentation:
     """Say what a table of results is worth: errors, stick phases, jumps, drift, energy, and what samples can show."""
-    findings = [*_truth(judged), *_reading(judged), *_summed(judged, SUMMED), *_stick_phases(judged), *_jumps(judged),
-                *_summed(judged, BALANCED), *_not_judged(judged)]
+    findings = [*_truth(judged), *_reading(judged), *_summed(judged, SUMMED), *_accelerations(judged),
+                *_stick_phases(judged), *_jumps(judged), *_summed(judged, BALANCED), *_not_judged(judged)]
     return Presentation(_answer(judged), tuple(filter(None, findings)), (), tuple(_tables(judged)),
                         tuple(_figures(judged)), NOTES)
 
@@ -100,6 +100,20 @@ def _summed(judged: Judgement, sentences: Iterable[Sequence[str]]) -> Iterator[T
         # those outside of a table that is not complete are among the missed ones
         if known.issuperset(columns) and (judged.is_complete or columns != ["events missed"]):
             yield traced(template, *(value("summary", table, 0, column) for column in columns))
+
+
+def _accelerations(judged: Judgement) -> Iterator[TracedText]:
+    """Accelerations and forces whose mean error is more than `COARSE` of their size, the worst of each unit."""
+    table = judged.tables["errors"]
+    jumps = table["unit"].isin(["m/s²", "rad/s²", "N", "N m"]) & ~table["column"].str.endswith(".effort")
+    part = ((table["error"] - table["uncertainty"]) / table["size"])[jumps & (table["size"] > 0.0)]
+    wrong = table.loc[part.index[part > COARSE]].assign(part=part)
+    for unit, rows in wrong.groupby("unit", sort=False):
+        worst = rows["part"].idxmax()
+        others = [name for name in rows["column"] if name != rows.at[worst, "column"]]
+        yield traced("{} is off by {} {} in the mean, {} of its size{}.", rows.at[worst, "column"],
+                     value("errors", table, worst, "error"), str(unit), f"{part[worst]:.2g}",
+                     f"; also {names(others)}" if others else "")
 
 
 def _stick_phases(judged: Judgement) -> Iterator[TracedText]:

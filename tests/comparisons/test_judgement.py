@@ -200,3 +200,16 @@ def test_coordinates_that_no_force_moves(name, held):
     """Those of guides and drives, and of the couplers of parallelograms, which do not turn; none where all of the motion is prescribed."""
     scene = load_scene(name)
     assert prescribed(scene, ground_truth(scene)) == held
+
+
+@pytest.mark.parametrize(("column", "factor"), [("slider.ax", 1.05), ("slider.ax", 0.9), ("guide.normal_force", 1.1), ("guide.friction", -1.0)])
+def test_an_acceleration_or_force_that_is_off_is_named_among_the_findings(column, factor):
+    """A truth whose one column is some per cent too large; the truth itself has none such."""
+    scene = load_scene("slider-bar-case-1", {"t_end": 8})
+    t = np.linspace(0, 8, 801)
+    true = {"t": t, **ground_truth(scene)(t)}
+    def said(table):
+        return [line for line in str(judge(scene, pd.DataFrame(table))).splitlines() if "of its size" in line]
+    assert not said(true)
+    [line] = said({**true, column: factor * true[column]})
+    assert line.startswith(column + " is off by ")

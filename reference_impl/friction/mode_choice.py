@@ -16,15 +16,20 @@ from stiction.reference_impl.compiled.loops import copy, taken
 from stiction.reference_impl.friction.contact_solvers import solve_contact
 from stiction.reference_impl.friction.coulomb import can_jam, sticks
 from stiction.reference_impl.friction.driven_guides import follow_drives
+from stiction.reference_impl.friction.frozen_mode import margin, solve_mode
 from stiction.reference_impl.friction.guides_at_rest import leave_together
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
+from stiction.reference_impl.friction.shared_rest import margins_of_safest
 from stiction.reference_impl.friction.uniqueness import has_several
 from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells
-from stiction.reference_impl.multibody.dynamics import row_acceleration, row_form
+from stiction.reference_impl.multibody.dynamics import largest_force, row_acceleration, row_form
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 HOLDS, LEAVES = np.inf, -1.0
 """Rest speeds of a guide that is at rest whatever its slip speed, and of one that leaves rest at this instant."""
+RESTS = 1e-6
+"""Least margin of a rest, relative to the largest force, from which on it is one of several motions: at the event that
+ends a rest its margin is zero, but for the rounding of redundant rows."""
 MOST_AT_REST = 4
 """Guides of a cell at rest up to which other modes are looked for: 80 contact problems."""
 
@@ -84,8 +89,44 @@ def _settle(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> in
                 leaving, direction[f] = True, 1 if accelerate[f] > 0.0 else -1
         if not leaving:
             return SOLVED
+        if nf > 1 and _may_rest_as_well(m, w, slip, corner):
+            return SEVERAL
         leave_together(m, w, direction, firmness, slip)
     return SOLVED
+
+
+@kernel(allocates=True)
+def _may_rest_as_well(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
+    """Return True where guides that share a load could all stay at rest, though a solution has some of them leave.
+
+    A count of solutions (`uniqueness`) does not have this one: the linear system of guides that share a load is
+    singular. Nor does a friction gain below 1 exclude it: that shows the frictions of guides that slip to be unique.
+    """
+    count = 0
+    for f in range(len(slip)):
+        count += 1 if sticks(m, slip, f) else 0
+    if count < 2:
+        return False
+    kept = w.force.copy()
+    shares = not solve_mode(m, w, slip, corner)
+    least = np.inf
+    if shares:
+        margins, shares = margins_of_safest(m, w, slip, corner), False
+        for f in range(len(slip)):
+            if not sticks(m, slip, f):
+                continue
+            if np.isnan(margins[f, 0]):
+                _, left = margin(m, w, slip, f)
+                least = min(least, left)
+            else:
+                least, shares = min(least, margins[f, 0], margins[f, 1]), True
+    largest = largest_force(m, w, kept)
+    copy(kept, w.force)
+    for f in range(len(slip)):
+        normal = m.friction[f].row
+        if not least > RESTS * largest / np.sqrt(w.G[normal, normal]):
+            return False
+    return shares
 
 
 @kernel(allocates=True)

@@ -8,6 +8,9 @@ R), and R and T are linear in the frictions of all guides. Where the gain
 is below 1 the frictions are the fixed point of a contraction. So they exist and are unique whatever the loads. For one
 slipping guide that is necessary too: beyond, some loads have two solutions and others none (Painleve). There the
 contact modes are counted. A guide at rest adds its static coefficient, with both directions of slip in view.
+
+The contraction is for given directions of slip. Guides at rest that share a load may all stay although a solution has
+some of them leave: `mode_choice` looks for that rest by its margins.
 """
 
 from __future__ import annotations

@@ -113,7 +113,8 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     if code in (NONE, SELF_LOCKING, UNBOUNDED):
         found = 0
     if code == SEVERAL:
-        found = number_of_solutions(m, w, slip)
+        # a rest in which guides share a load is a solution that is not counted (`mode_choice`)
+        found = max(2, number_of_solutions(m, w, slip))
     return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide != NO_GUIDE else "", found)
 
 

@@ -69,3 +69,10 @@ def test_a_guide_whose_load_passes_zero_ends_no_rest(seed, index):
     family, scene = draw(seed, index)
     run = ReferenceEngine().simulate(scene, t_end=T_END, output_step=T_END / ROWS, rtol=1e-9)
     assert check(scene, run) == ([], "all rest") and run.events == ()
+
+
+def test_a_rest_that_is_one_of_several_motions_is_said():
+    """Three guides may share their load at rest, by linear programs with 0.437 N to spare, and may slip as well."""
+    _, scene = draw(12, 234)
+    run = ReferenceEngine().simulate(scene, t_end=T_END, output_step=T_END / ROWS, rtol=1e-9)
+    assert run.breakdown is not None and run.breakdown.kind == "several solutions" and run.breakdown.time == 0.0

@@ -47,7 +47,7 @@ RESOLVED = 3
 PLACES, HELD = 21, 1e-6
 """Instants at which the free motions of a mechanism are looked at, and the part of one in them up to which a coordinate
 is held: a truth without some of the bodies' angles leaves rounding, a free coordinate has a thousandth and more."""
-PHASE = ["guide", "begin [s]", "end [s]", "duration [s]", "samples", "verdict", "fastest slip [m/s]"]
+PHASE = ["guide", "begin", "end", "duration", "samples", "verdict", "fastest_slip"]
 """Columns of a stick phase."""
 
 
@@ -126,7 +126,7 @@ class Judgement:
     @property
     def is_misread(self) -> bool:
         """True where columns seem to have other units, signs or origins than the scene: the numbers mean little."""
-        return bool(self.tables["errors"]["is input"].any())
+        return bool(self.tables["errors"]["is_input"].any())
 
     @cached_property
     def presentation(self) -> Presentation:
@@ -295,8 +295,8 @@ def _step(t: np.ndarray) -> float:
 def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -> dict[str, Any]:
     """Sampling, errors of all columns together, drift, energy."""
     row: dict[str, Any] = {
-        "instants with two sides": len(full.events), "begins at [s]": float(table.t[0]),
-        "ends at [s]": float(table.t[-1]), "t_end [s]": scene.t_end, "sample distance [s]": _step(full.t),
+        "two_sided_instants": len(full.events), "table_begin": float(table.t[0]),
+        "table_end": float(table.t[-1]), "t_end [s]": scene.t_end, "sample_distance": _step(full.t),
         **(drift(full) if "drift.position" in full and "drift.velocity" in full else {}),
         **errors(full, truth, size_of(scene))}
     if all(name in table.columns for name in needed_columns(scene)):
@@ -336,7 +336,7 @@ def _jumps(scene: Scene, full: Trajectory, truth: Truth) -> Iterator[dict[str, A
     times = np.array([event.time for event in truth.events])
     for effort in (f"{drive}.effort" for drive in scene.drives):
         for row in jump_rows(full, truth, effort) if effort in full else ():
-            time = row["event time [s]"]
+            time = row["event_time"]
             room = np.min(np.abs(times[times != time] - time), initial=truth.t_end)
             if full.t[0] <= time <= full.t[-1]:
                 yield {**row, "readable": bool(full.events or room > (min(SAMPLES) + 1) * _step(full.t))}

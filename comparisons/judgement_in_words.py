@@ -30,15 +30,15 @@ NOTES = ("Errors are taken at the table's own instants: nothing between its rows
          "size: the largest value of the true column. tier: what the truth of the column rests on.",
          "A true stick phase is found where all samples in it, but the first and the last, are at rest: slower than a "
          "thousandth of the largest slip speed, or of mode 0.")
-PART = "The table goes from {} s to {} s, the scene from 0 to {} s.", "begins at [s]", "ends at [s]", "t_end [s]"
+PART = "The table goes from {} s to {} s, the scene from 0 to {} s.", "table_begin", "table_end", "t_end [s]"
 SUMMED = (
-    ("Largest velocity error: {} m/s.", "velocity error [m/s]"),
+    ("Largest velocity error: {} m/s.", "velocity_error"),
     ("Efforts of drives are off by {} N m or N in the mean.", TORQUE_ERROR),
-    ("Of its {} instants with two sides {} are true events.", "instants with two sides", "events matched"),
-    ("True events that it does not have: {}.", "events missed"),
-    ("Times of events are off by at most {} s.", "event time error [s]"))
+    ("Of its {} instants with two sides {} are true events.", "two_sided_instants", "events_matched"),
+    ("True events that it does not have: {}.", "events_missed"),
+    ("Times of events are off by at most {} s.", "event_time_error"))
 BALANCED = (
-    ("Constraints are violated by at most {} m; the drift is: {}.", "position drift, max [m]", "growth"),
+    ("Constraints are violated by at most {} m; the drift is: {}.", "position_drift", "growth"),
     ("Energy: {} J of the {} J exchanged are not accounted for.", "energy error [J]", "energy exchanged [J]"))
 """Sentences, and the columns of the summary whose cells are in them."""
 
@@ -60,10 +60,10 @@ def _answer(judged: Judgement) -> TracedText:
     sizes = judged.in_metres("error")
     known = sizes.notna().any()
     worst = (sizes if known else table["error"] / table["size"]).idxmax()
-    row, misread = table.loc[worst], list(table.loc[table["is input"], "column"])
+    row, misread = table.loc[worst], list(table.loc[table["is_input"], "column"])
     return traced("Largest {}error: {} {}, {}{}; truth: {}.{}", "position " if known else "",
                   value("errors", table, worst, "error"), row["unit"], row["column"],
-                  "" if pd.isna(row["at t [s]"]) else f" at t = {row['at t [s]']:.6g} s", row["tier"],
+                  "" if pd.isna(row["error_time"]) else f" at t = {row['at t [s]']:.6g} s", row["tier"],
                   f" Other units, signs or origins: {', '.join(misread)}?" if misread else "")
 
 
@@ -98,7 +98,7 @@ def _summed(judged: Judgement, sentences: Iterable[Sequence[str]]) -> Iterator[T
     known = set(table.columns[table.loc[0].notna()])
     for template, *columns in sentences:
         # those outside of a table that is not complete are among the missed ones
-        if known.issuperset(columns) and (judged.is_complete or columns != ["events missed"]):
+        if known.issuperset(columns) and (judged.is_complete or columns != ["events_missed"]):
             yield traced(template, *(value("summary", table, 0, column) for column in columns))
 
 
@@ -126,8 +126,8 @@ def _stick_phases(judged: Judgement) -> Iterator[TracedText]:
     if len(short):
         yield traced("Stick phases too short for the samples, which say nothing of the solver: {}; the shortest takes "
                      "{} ms, samples are {} ms apart.", count(name, table, verdict=UNRESOLVED),
-                     scaled_value(name, table, short["duration [s]"].idxmin(), "duration [s]"),
-                     scaled_value("summary", judged.tables["summary"], 0, "sample distance [s]"))
+                     scaled_value(name, table, short["duration"].idxmin(), "duration"),
+                     scaled_value("summary", judged.tables["summary"], 0, "sample_distance"))
     if (table["verdict"] == INVENTED).any():
         yield traced("Rests where the truth slips: {}.", count(name, table, verdict=INVENTED))
 
@@ -137,8 +137,8 @@ def _jumps(judged: Judgement) -> Iterator[TracedText]:
     for effort, rows in table.groupby("effort", sort=False):
         read = rows[rows["resolved"]]
         worst = traced(", at most {} N m off", value(
-            "jumps", table, read["jump error [N m]"].abs().idxmax(), "jump error [N m]", "",
-            "jump uncertainty [N m]")) if len(read) else ""
+            "jumps", table, read["jump_error"].abs().idxmax(), "jump_error", "",
+            "jump_uncertainty")) if len(read) else ""
         yield traced("Jumps of {}: {} of {} read{}.", str(effort), count("jumps", table, effort=effort, resolved=True),
                      count("jumps", table, effort=effort), worst)
         if not (rows["readable"] | rows["resolved"]).all():
@@ -174,20 +174,20 @@ def _not_judged(judged: Judgement) -> Iterator[TracedText]:
 def _tables(judged: Judgement) -> Iterator[TableView]:
     errors = judged.tables["errors"]
     columns = (Column("column"), Column("error", uncertainty="uncertainty"), Column("unit"), Column("measure"),
-               Column("at t [s]", form=".6g"), Column("size", form=".3g"), Column("tier"), Column("hint"))
+               Column("error_time", form=".6g"), Column("size", form=".3g"), Column("tier"), Column("hint"))
     kinds = errors.dropna(subset="error").groupby("unit", sort=False)["error"].idxmax()
     views = (
         view("worst", "Of each kind of column that with the largest error.", errors.loc[kinds], columns,
              source="errors", in_report=False),
         view("errors", "Errors of all columns.", errors, columns),
         view("stick-phases", "Stick phases.", judged.tables["stick-phases"],
-             (Column("guide"), Column("begin [s]", form=".6f"), Column("end [s]", form=".6f"),
-              Column("duration [s]", form=".3g"), Column("samples"), Column("verdict"),
-              Column("fastest slip [m/s]", form=".2g"))),
+             (Column("guide"), Column("begin", form=".6f"), Column("end", form=".6f"),
+              Column("duration", form=".3g"), Column("samples"), Column("verdict"),
+              Column("fastest_slip", form=".2g"))),
         view("jumps", "Jumps of efforts at the events of the truth.", judged.tables["jumps"],
-             (Column("effort"), Column("event time [s]", form=".6f"), Column("kind"),
-              Column("jump, truth [N m]", form=".4g"), Column("jump [N m]", form=".4g"),
-              Column("jump error [N m]", uncertainty="jump uncertainty [N m]"), Column("time error [s]", form=".2g"),
+             (Column("effort"), Column("event_time", form=".6f"), Column("kind"),
+              Column("true_jump", form=".4g"), Column("jump", form=".4g"),
+              Column("jump_error", uncertainty="jump_uncertainty"), Column("time_error", form=".2g"),
               Column("resolved", "read"), Column("readable"))))
     yield from (one for one in views if len(one.frame))
 
@@ -205,7 +205,7 @@ def _figures(judged: Judgement) -> Iterator[Chart]:
     if any(len(one.x) for one in differences):
         panels.append(Panel("positions", Axis("time [s]"), Axis("difference [m]", log=True), differences))
     true = judged.tables["stick-phases"].query("verdict != @INVENTED")
-    shades = list(zip(true["begin [s]"], true["end [s]"]))
+    shades = list(zip(true["begin"], true["end"]))
     t, every = np.linspace(run.t[0], run.t[-1], DRAWN), slice(None, None, -(-len(run.t) // POINTS))
     drawn = [(f"{guide}.slip_velocity", "slip velocity [m/s]") for guide in judged.scene.frictional_guides]
     for name, label in drawn + [(f"{drive}.effort", "effort [N m or N]") for drive in judged.scene.drives]:

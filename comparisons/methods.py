@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import pandas as pd
@@ -12,7 +12,7 @@ import pandas as pd
 from stiction.comparisons.campaigns.participants import REFERENCE
 from stiction.comparisons.presentation.cells import setting_of
 from stiction.comparisons.results import Results
-from stiction.comparisons.variants import COMMON_STEP, EVENTS_BY, FRICTION_BY, MUS_EQUALS_MU, UNMADE, Record
+from stiction.comparisons.variants import COEFFICIENTS, COMMON_STEP, EVENTS_BY, FRICTION_BY, UNMADE, Record
 from stiction.scenes import catalogue, load_scene
 
 CONTACT = ", contact"
@@ -75,22 +75,39 @@ def title_of(scene: str) -> str:
     return case_of(scene)[:1].upper() + case_of(scene)[1:]
 
 
-def groups(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """The rows that answer one question, by name: one fidelity, and mus > mu or, for engines without it, mus = mu."""
-    equal = table["truth"].astype(str).str.endswith(MUS_EQUALS_MU)
-    for (fidelity, same), rows in table.groupby([table["fidelity"], equal], sort=False):
-        yield f"{fidelity}, mus {'=' if same else '>'} mu", rows
+@dataclass(frozen=True)
+class Group:
+    """Methods that may be compared: of one fidelity and one physics. Ranked are those that do the same work as well.
+
+    `friction_by` and `events_by` are empty where the group is not for a ranking.
+    """
+
+    fidelity: str
+    coefficients: str
+    friction_by: str = ""
+    events_by: str = ""
+
+    @property
+    def label(self) -> str:
+        """Heading of the group: ``joint, mus > mu``."""
+        return f"{self.fidelity}, {self.coefficients}"
 
 
-def same_work(table: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """The rows of `groups` that may be ranked with each other, with a name: engines do the same part of the work.
+def groups(table: pd.DataFrame) -> Iterator[tuple[Group, pd.DataFrame]]:
+    """The rows that answer one question: one fidelity, and mus > mu or, for engines without it, mus = mu."""
+    for (fidelity, coefficients), rows in table.groupby(["fidelity", COEFFICIENTS], sort=False):
+        yield Group(fidelity, coefficients), rows
+
+
+def same_work(table: pd.DataFrame) -> Iterator[tuple[Group, pd.DataFrame]]:
+    """The rows of `groups` that may be ranked with each other: engines do the same part of the work.
 
     Who supplies the friction law and who locates events is the same for all runs of a variant; of failed ones unknown.
     """
-    for name, rows in groups(table):
+    for group, rows in groups(table):
         parts = [rows["variant"].map(known_of(rows, column)) for column in (FRICTION_BY, EVENTS_BY)]
         for (friction, events), there in rows.groupby(parts, sort=False):
-            yield f"{name}; friction: {friction}, events: {events}", there
+            yield replace(group, friction_by=friction, events_by=events), there
 
 
 def known_of(rows: pd.DataFrame, column: str) -> dict[str, str]:
@@ -113,16 +130,16 @@ def methods(results: Results) -> list[str]:
     return [label for label in dict.fromkeys(record.variant.label for record in results.records) if label in chosen]
 
 
-Grouping = Callable[[pd.DataFrame], Iterator[tuple[str, pd.DataFrame]]]
+Grouping = Callable[[pd.DataFrame], Iterator[tuple[Group, pd.DataFrame]]]
 
 
-def grouped_methods(results: Results, grouping: Grouping = groups) -> Iterator[tuple[str, list[str]]]:
+def grouped_methods(results: Results, grouping: Grouping = groups) -> Iterator[tuple[Group, list[str]]]:
     """`methods` by `groups` or, for rankings, by `same_work`."""
     accuracy, chosen = results.tables.get("accuracy", pd.DataFrame()), methods(results)
-    for name, rows in grouping(accuracy) if len(accuracy) else ():
+    for group, rows in grouping(accuracy) if len(accuracy) else ():
         there = set(rows["variant"])
         if found := [variant for variant in chosen if variant in there]:
-            yield name, found
+            yield group, found
 
 
 def called(variant: str, fidelity: bool = True) -> str:

@@ -14,7 +14,7 @@ from stiction.comparisons.uncertain import rounded_up
 from stiction.engines.registry import OWN_METHODS
 from stiction.scenes import catalogue, load_scene
 
-POSITION = "position error [m]"
+POSITION = "position_error"
 CARDINALS = {1: "One", 2: "Two", 3: "Three"}
 SAMPLES = 2401
 """Samples of a truth, to find the slider's stroke: every 10 ms of 24 s."""
@@ -71,8 +71,10 @@ def recommendation(results: Results) -> list[TracedText]:
                               ("Existing engines, real contacts", "contact")):
         parts: dict[str, list[TracedText]] = defaultdict(list)
         engines = False
-        for name, group in grouped_methods(results, same_work):
-            rows = [ranked[variant] for variant in group if variant in ranked and name.startswith(fidelity)]
+        for group, variants in grouped_methods(results, same_work):
+            if group.fidelity != fidelity:
+                continue
+            rows = [ranked[variant] for variant in variants if variant in ranked]
             own = [row for row in rows if table.at[row, "engine"] in OWN_METHODS]
             theirs = [row for row in rows if row not in own]
             engines = engines or bool(theirs)
@@ -80,7 +82,7 @@ def recommendation(results: Results) -> list[TracedText]:
             said += [traced("our {} {}", called(table.at[row, "variant"], False), error(row))
                       for row in own if fidelity == "contact"]
             if said:
-                parts[name.partition("; ")[0].partition(", ")[2]] += said
+                parts[group.coefficients] += said
         if engines:
             answers.append(traced("{}: {}.", heading, listed([
                 traced("{}{}", listed(said, last=", "), f" ({label})" if len(parts) > 1 else "")
@@ -101,13 +103,13 @@ def _time(results: Results, variant: str) -> TracedText:
     if table.empty:
         return TracedText("")
     there = table.index[(table["variant"] == variant) & (table["error"] == 1e-3) & (table["quantity"] == "position")
-                        & table["cpu [s]"].notna()]
+                        & table["cpu_time"].notna()]
     if not len(there):
         return TracedText("")
-    times, ends = table.loc[there, "cpu [s]"].astype(float), list[TracedText]()
+    times, ends = table.loc[there, "cpu_time"].astype(float), list[TracedText]()
     for row in dict.fromkeys((int(times.idxmin()), int(times.idxmax()))):
-        sign = ("≤ " if table.at[row, "at most"] else "") + ("~" if table.loc[row].get("timing") else "")
-        ends.append(traced("{}", scaled_value("equal-error", table, row, "cpu [s]", sign)))
+        sign = ("≤ " if table.at[row, "is_bound"] else "") + ("~" if table.loc[row].get("timing") else "")
+        ends.append(traced("{}", scaled_value("equal-error", table, row, "cpu_time", sign)))
     where = "" if len(there) == table["scene"].nunique() else traced(
         " in {}", listed([case_of(scene) for scene in table.loc[there, "scene"]]))
     return traced("; 1 mm takes {} ms of CPU{}", listed(ends, last=" to "), where)

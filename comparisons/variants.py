@@ -7,10 +7,11 @@ import math
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from typing import Any, Literal, get_args
 
 from stiction.engines.isolation import Job, Outcome
-from stiction.engines.protocol import EVENTS_LOCATED_BY
+from stiction.engines.protocol import EVENTS_LOCATED_BY, FRICTION_SUPPLIED_BY
 from stiction.engines.registry import EngineMissing, label_of, load_engine
 from stiction.scenes import Scene, Trajectory, catalogue, vary
 from stiction.scenes.laws import Linear, Sine
@@ -20,14 +21,29 @@ Parameter = Literal["dt", "rtol", "iterations"]
 PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
 """Parameters that are refined: a step (s), a relative tolerance, the iterations by which an engine solves a step."""
 
-OWN_CPU = "engine cpu [s]"
+OWN_CPU = "engine_time"
 """Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), part of ``cpu [s]``."""
 
 UNMADE = ("missing", "not run")
 """Statuses of runs that were not made, which do not count: engine not installed, or campaign interrupted."""
 
-FRICTION_BY, EVENTS_BY = "friction by", "events by"
-"""Columns of tables: who supplies the friction law of a run, and who locates its events."""
+FRICTION_BY, EVENTS_BY = "friction_by", "events_by"
+"""Columns of tables: who supplies the friction law of a run, and who locates its events (`Supplier`)."""
+COEFFICIENTS = "coefficients"
+"""Column of tables: the `Coefficients` of friction of a run and of its truth."""
+
+
+class Coefficients(StrEnum):
+    """How many coefficients of friction an engine has in a scene: runs of different ones answer different questions."""
+
+    BOTH = "mus > mu"
+    """The static and the kinetic one."""
+    ONE = "mus = mu"
+    """The kinetic one alone; such a run is compared with the truth for mus = mu."""
+
+    @classmethod
+    def of(cls, static_coefficient: bool) -> Coefficients:
+        return cls.BOTH if static_coefficient else cls.ONE
 
 
 @dataclass(frozen=True)
@@ -37,7 +53,9 @@ class Variant:
     The label is short and unique, as it stands in legends: ``"pymunk, contact"``; the parameter is one of `PARAMETERS`.
     With a baseline it is compared in the place of the engine that it `stands_for`, its own if empty. `cost` and
     `threshold` are series of the same parameter for comparisons that take other steps (`campaigns/validation.toml`).
-    `effects` are settings by name that `stiction.comparisons.studies.effects` toggles.
+    `effects` are settings by name that `stiction.comparisons.studies.effects` toggles. `subject` and `setting` are of a
+    variant that tries a setting: the method whose setting it is, and what is set; `changed` is the name of that setting,
+    empty for the default.
     """
 
     label: str
@@ -50,6 +68,9 @@ class Variant:
     cost: tuple[float, ...] = ()
     threshold: tuple[float, ...] = ()
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    subject: str = ""
+    setting: str = ""
+    changed: str = ""
 
 
 @dataclass(frozen=True)
@@ -82,21 +103,15 @@ class Record:
         early = trajectory.termination if trajectory and trajectory.termination != "end" else ""
         return {"scene": self.scene, "variant": self.variant.label, "engine": label_of(self.variant.engine),
                 "version": trajectory.version if trajectory else None, "fidelity": self.variant.fidelity,
-                FRICTION_BY: supplier(str(trajectory.settings.get("friction_law", ""))) if trajectory else None,
+                COEFFICIENTS: str(Coefficients.of(has_static_coefficient(self.variant))),
+                FRICTION_BY: trajectory.settings.get(FRICTION_SUPPLIED_BY) if trajectory else None,
                 EVENTS_BY: trajectory.settings.get(EVENTS_LOCATED_BY) if trajectory else None,
                 "parameter": self.variant.parameter, "step": self.step, "status": self.outcome.status,
                 "reason": self.outcome.reason or early,
-                "cpu [s]": trajectory.cost.stepping_s if trajectory else None,
+                "cpu_time": trajectory.cost.stepping_s if trajectory else None,
                 OWN_CPU: trajectory.cost.own_s if trajectory else None,
                 "settings": json.dumps(dict(trajectory.settings), default=str) if trajectory else None,
                 "key": self.key}
-
-
-def supplier(law: str) -> str:
-    """Return the supplier of a friction law by its words: engine, adapter, or both for a number of the adapter."""
-    if "adapter" not in law:
-        return "engine"
-    return "engine + adapter" if "(engine)" in law else "adapter"
 
 
 COARSEST = 1e-2

@@ -9,6 +9,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from functools import cache, partial
 from importlib.metadata import requires, version
 from pathlib import Path
@@ -22,8 +23,23 @@ if TYPE_CHECKING:
     from packaging.specifiers import SpecifierSet
 
 FIDELITIES = ("joint", "contact")
+
+
+class Supplier(StrEnum):
+    """Who does a part of the work of a run."""
+
+    ENGINE = "engine"
+    ADAPTER = "adapter"
+    """Our adapter of the engine."""
+    BOTH = "engine + adapter"
+    """The engine, with numbers that the adapter sets anew on the way."""
+    NOBODY = "nobody"
+
+
+FRICTION_SUPPLIED_BY = "friction_supplied_by"
+"""Setting of every trajectory: the `Supplier` of its friction law; nobody where the scene has no friction."""
 EVENTS_LOCATED_BY = "events_located_by"
-"""Setting of every trajectory: who locates its events, ``"engine"``, ``"adapter"`` or ``"nobody"``."""
+"""Setting of every trajectory: the `Supplier` of its located events."""
 UNSETTLED = "friction does not settle"
 """Kind of the `stiction.scenes.Breakdown` of an engine that stops where friction and reactions have no solution that it
 finds."""
@@ -107,7 +123,7 @@ class Capabilities:
     static_coefficient : Mapping[str, bool]
         By fidelity: whether mus > mu can be represented (by the engine or its adapter).
     friction_law : Mapping[str, str]
-        By fidelity: the friction law and who supplies it.
+        By fidelity: the friction law, in words.
     reactions : str
         Where multipliers come from: ``"engine"`` or ``"momentum balance"``.
     order : str
@@ -115,8 +131,11 @@ class Capabilities:
     adaptive : bool
         Whether a run is given a tolerance, ``rtol``, instead of a step, ``dt``; the other one is refused
         (`Engine.check_arguments`).
-    event_location : str
-        Who locates events in runs that have them located: ``"engine"`` or ``"adapter"``.
+    event_location : Supplier
+        Who locates events in runs that have them located: the engine or the adapter.
+    friction_by : Mapping[str, Supplier]
+        By fidelity: who supplies the friction law; the engine where nothing is given. Runs are ranked only with those
+        in which the same supplies it.
 
     Raises
     ------
@@ -130,7 +149,8 @@ class Capabilities:
     reactions: str
     order: str = field(repr=False)
     adaptive: bool = False
-    event_location: str = "engine"
+    event_location: Supplier = Supplier.ENGINE
+    friction_by: Mapping[str, Supplier] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not (isinstance(self.fidelities, tuple) and self.fidelities and set(self.fidelities) <= set(FIDELITIES)):
@@ -139,8 +159,13 @@ class Capabilities:
         for name in ("static_coefficient", "friction_law"):
             if not isinstance(found := getattr(self, name), Mapping):
                 raise TypeError(f"{name}: found {found!r}; expected a mapping by fidelity")
-        if self.event_location not in ("engine", "adapter"):
+        if self.event_location not in (Supplier.ENGINE, Supplier.ADAPTER):
             raise ValueError(f"event_location: found {self.event_location!r}; expected 'engine' or 'adapter'")
+        for fidelity, supplier in self.friction_by.items():
+            if fidelity not in self.fidelities or supplier not in tuple(Supplier):
+                raise ValueError(f"friction_by: found {fidelity!r}: {supplier!r}; expected one of "
+                                 f"{', '.join(map(repr, self.fidelities))} and one of "
+                                 f"{', '.join(repr(str(one)) for one in Supplier)}")
 
 
 def check_settings(given: Iterable[str], known: Iterable[str], engine: str, fidelity: str) -> None:
@@ -197,6 +222,13 @@ class Engine(ABC):
         An engine whose methods have other settings, or other defaults, overrides it.
         """
         return {**self.default_settings(fidelity), **given}
+
+    def friction_supplier(self, fidelity: str, settings: Mapping[str, Any]) -> Supplier:
+        """Return who supplies the friction law of a run with these settings.
+
+        An engine whose methods differ in it overrides it.
+        """
+        return self.capabilities.friction_by.get(fidelity, Supplier.ENGINE)
 
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         """Return True where runs with these settings of a trajectory report an event at each change of a guide's mode.
@@ -311,6 +343,11 @@ class Engine(ABC):
                             partial(self.locates_events, fidelity), partial(self.keeps_cone, fidelity))
         for problem in problems(examined):
             raise BadTrajectory(f"{self.name} returned {problem}")
-        located_by = self.capabilities.event_location if self.locates_events(fidelity, found.settings) else "nobody"
-        return replace(found, mechanism=scene, settings={**found.settings, EVENTS_LOCATED_BY: located_by},
+        locates = self.locates_events(fidelity, found.settings)
+        suppliers = {
+            FRICTION_SUPPLIED_BY: self.friction_supplier(fidelity, found.settings) if scene.frictional_guides
+            else Supplier.NOBODY,
+            EVENTS_LOCATED_BY: self.capabilities.event_location if locates else Supplier.NOBODY}
+        return replace(found, mechanism=scene,
+                       settings={**found.settings, **{name: str(one) for name, one in suppliers.items()}},
                        cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent))

@@ -54,8 +54,8 @@ class HeadlineTable:
 def headline_table(report: Report) -> HeadlineTable:
     """Put the headlines of all studies side by side, for every method."""
     headlines = [headline for presentation in report.said.values() for headline in presentation.headlines]
-    groups = {name: {method: [headline.cells.get(method) for headline in headlines] for method in methods}
-              for name, methods in grouped_methods(report.results)}
+    groups = {group.label: {method: [headline.cells.get(method) for headline in headlines] for method in methods}
+              for group, methods in grouped_methods(report.results)}
     return HeadlineTable(("method", *(headline.label for headline in headlines)), groups if headlines else {})
 
 

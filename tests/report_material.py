@@ -69,11 +69,11 @@ def study_tables() -> dict[str, pd.DataFrame]:
     for choice, power, error in ((NONE, 1.5, 1e-4), (PAPERS, 0.0, 2e-4)):
         for step in STEPS[2:]:
             octaves = tuple((24.0 * 2 ** k, 1e-9 * step * 2 ** (power * k)) for k in range(4))
-            row = {"reason": "", "position drift to 24 s, max [m]": 1e-9 * step,
-                   "position drift, max [m]": octaves[-1][1], "growth, 240 s": "grows" if power else "bounded",
-                   "exponent of growth, 240 s [-]": power, "interval of the exponent, 240 s [-]": 0.1,
-                   "spread, of a random walk's, 240 s [-]": 0.1, "position error [m]": error,
-                   "position uncertainty [m]": 1e-13}
+            row = {"reason": "", "position_drift_24s": 1e-9 * step,
+                   "position_drift": octaves[-1][1], "growth_240s": "grows" if power else "bounded",
+                   "growth_exponent_240s": power, "growth_exponent_uncertainty_240s": 0.1,
+                   "walk_spread_240s": 0.1, "position_error": error,
+                   "position_uncertainty": 1e-13}
             runs.append(LongRun(load_scene(CASE), choice, step, 240.0))
             outcomes.append(Outcome(f"drift/{runs[-1].name}", "ok", (row, octaves)))
     return dict(drift_study(runs, outcomes).tables)
@@ -82,12 +82,12 @@ def study_tables() -> dict[str, pd.DataFrame]:
 def validation_of(records: list[Record], truths: dict) -> Results:
     truth_for = {record.key: truths[CASE] for record in records}
     came_out = [record.describe() for record in records if record.trajectory is not None]
-    threshold = pd.DataFrame([{**{name: row[name] for name in row if name not in ("cpu [s]", "version")},
-                               "F0 with stick [N]": 4.2119563, "F0 without stick [N]": 4.2119564, "mu": 0.03, "mus": 0.04,
-                               "truth [N]": 4.21195632, "truth uncertainty [N]": 6e-8, "error [N]": 3e-8, "uncertainty [N]": 1e-7, "paper [N]": None} for row in came_out])
+    threshold = pd.DataFrame([{**{name: row[name] for name in row if name not in ("cpu_time", "version")},
+                               "F0_with_stick": 4.2119563, "F0_without_stick": 4.2119564, "mu": 0.03, "mus": 0.04,
+                               "true_threshold": 4.21195632, "true_threshold_uncertainty": 6e-8, "threshold_error": 3e-8, "threshold_uncertainty": 1e-7, "paper_threshold": None} for row in came_out])
     claims = pd.DataFrame([
-        {"case": "1", "claim": "the motion is periodic", "verdict": "holds", "figure behind it": "period 8 s", "source": "Sect. 5"},
-        {"case": "1-3", "claim": "there is no stick phase", "verdict": "does not hold", "figure behind it": 0.6, "source": "made up"}])
+        {"case": "1", "claim": "the motion is periodic", "verdict": "holds", "figure": "period 8 s", "source": "Sect. 5"},
+        {"case": "1-3", "claim": "there is no stick phase", "verdict": "does not hold", "figure": 0.6, "source": "made up"}])
     return Results(tuple(records), truths, {
         "accuracy": pd.DataFrame([{**record.describe(), **errors(record.trajectory, truth_for[record.key], size_of(load_scene(CASE)))} for record in records]),
         "drift": pd.DataFrame([{**record.describe(), **drift(record.trajectory)} for record in records]), "threshold": threshold,
@@ -99,5 +99,5 @@ def hard_table() -> pd.DataFrame:
     rows = [("no motion", "reference", "right"), ("no motion", "other", "wrong"), ("no motion", "paper's scheme", "degraded"), ("no motion", "absent", NOT_INSTALLED),
             ("two motions", "reference", "declined"), ("two motions", "paper's scheme", INEXPRESSIBLE), ("two motions", "absent", NOT_INSTALLED)]
     return pd.DataFrame([{"topic": "existence", "case": case, "scene": case, "must": "stop", "variant": variant, "engine": variant, "version": "1", "fidelity": "joint",
-                          "parameter": "dt", "step": 1e-3, "verdict": verdict, "about": "made up", "size": 0.5, "limit": 0.0, "cpu [s]": 1.0, "engine cpu [s]": 0.5}
+                          "parameter": "dt", "step": 1e-3, "verdict": verdict, "about": "made up", "size": 0.5, "limit": 0.0, "cpu_time": 1.0, "engine_time": 0.5}
                          for case, variant, verdict in rows])

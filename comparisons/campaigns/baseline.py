@@ -15,7 +15,7 @@
 
     [runs."pendulum/truth"]
     identity = "truth; scene 53f1d0c2a9e84b67"
-    truth."mass.x at the end [m]" = { value = 0.30864197530864196, uncertainty = 1.1e-13, tier = "closed form" }
+    truth."end:mass.x" = { value = 0.30864197530864196, uncertainty = 1.1e-13, tier = "closed form" }
 
 A run is found by its identity (`measurement.PlannedRun.identity`), whatever its name. `conditions` are those under
 which its numbers were made (`environment.conditions`), `version` is that of the engine. `rounding` is the largest

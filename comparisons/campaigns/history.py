@@ -18,7 +18,7 @@ One row per number (a failed run has one row without a number), with the columns
                  ``missing``; ``wrong`` (see `accuracy.WRONG`); or ``not run``
     reason       why, in one line; empty where the run reached its end
     settings     JSON
-    metric       what was measured, with its unit: ``position error [m]``
+    metric       the key of what was measured: ``position_error``
     kind         ``accuracy``, ``motion``, ``event``, ``drift``, ``counter``, ``time``; ``truth`` in the rows of truths
                  (variant ``truth``); ``random`` in those of random scenes (variant ``random``): how many are of a class
     value        NULL where there is none

@@ -44,12 +44,13 @@ baseline."""
 NOT_RUN = "not run"
 """Status of a run that the campaign had no time left for."""
 
-_ACCURACY = {"position error [m]": "position uncertainty [m]", "velocity error [m/s]": "velocity uncertainty [m/s]",
-             TORQUE_ERROR: "torque uncertainty [N m]", "event time error [s]": "event time uncertainty [s]"}
-_EVENTS = ("events matched", "events missed", "events spurious")
-_DRIFT = ("position drift, max [m]", "velocity drift, max [m/s]")
-PATH = "path of the bodies [m]"
-AT_THE_END = "at the end"
+_ACCURACY = {"position_error": "position_uncertainty", "velocity_error": "velocity_uncertainty",
+             TORQUE_ERROR: "torque_uncertainty", "event_time_error": "event_time_uncertainty"}
+_EVENTS = ("events_matched", "events_missed", "events_spurious")
+_DRIFT = ("position_drift", "velocity_drift")
+PATH = "path_length"
+AT_THE_END = "end"
+"""Family of metrics (`quantities.FAMILIES`): where a body is at the end, ``end:slider.x``."""
 END_MOVED = 1e-6
 """Part of the mechanism's size by which fixed steps may end elsewhere: they stay where they are, as in `tolerances`."""
 END_TOLERANCES = 1e3
@@ -245,7 +246,7 @@ def _motion(trajectory: Trajectory, scene: Scene, parameter: str, step: float) -
         for label, unit in _STATE.items():
             value = float(trajectory[f"{body}.{label}"][-1])
             scale = max(abs(value), 1.0 if unit == "rad" else size)
-            yield Metric(f"{body}.{label} {AT_THE_END} [{unit}]", MOTION, value, part * scale)
+            yield Metric(f"{AT_THE_END}:{body}.{label}", MOTION, value, part * scale)
 
 
 def path_length(trajectory: Trajectory) -> float:
@@ -259,14 +260,14 @@ def _truth_row(run: PlannedRun) -> Row:
     """Find where the bodies are at the end, and the events on the way, in the child."""
     truth = ground_truth(run.scene)
     end = truth(np.array([truth.t_end]))
-    metrics = [Metric(f"{body}.{name} {AT_THE_END} [{unit}]", TRUTH, float(end[f"{body}.{name}"][0]),
+    metrics = [Metric(f"{AT_THE_END}:{body}.{name}", TRUTH, float(end[f"{body}.{name}"][0]),
                       truth.uncertainty.get(f"{body}.{name}"), truth.tier)
-               for body in run.scene.bodies for name, unit in _STATE.items() if f"{body}.{name}" in end]
+               for body in run.scene.bodies for name in _STATE if f"{body}.{name}" in end]
     times: dict[tuple[str, str], list[float]] = defaultdict(list)
     for event in truth.events:
         times[event.kind, event.joint].append(event.time)
     for (kind, joint), found in sorted(times.items()):
-        metrics += [Metric(f"{joint}, {kind}: events [-]", TRUTH, len(found), 0.0, truth.tier),
-                    Metric(f"{joint}, {kind}: the last [s]", TRUTH, max(found), truth.uncertainty.get("event time"),
+        metrics += [Metric(f"events:{joint}.{kind}", TRUTH, len(found), 0.0, truth.tier),
+                    Metric(f"last_event:{joint}.{kind}", TRUTH, max(found), truth.uncertainty.get("event time"),
                            truth.tier)]
     return replace(run.row, status="ok", reason=truth.note, metrics=tuple(metrics))

@@ -54,14 +54,14 @@ times the median absolute deviation) above it."""
 BOUND_BASELINE = 1.5
 """Ratio to one measurement, a baseline's."""
 
-IN_TURNS = "{} over that of the code before [-]"
+IN_TURNS = "over_older:{}"
 """Name of the quantity."""
 
 _RANKS = ("status", TRUTH, RANDOM, "event", "accuracy", MOTION, "drift", "counter", "time")
 """Kinds of findings in the order in which they are shown."""
 _STATUSES = ("ok", "incomplete", "refused", "failed", "timed out", "crashed", WRONG)
 """From good to bad, silently wrong the worst; ``missing`` and ``not run`` are no property of a solver."""
-_MORE_IS_BETTER = ("events matched",)
+_MORE_IS_BETTER = ("events_matched",)
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
             watch.on_study(study, results(made))
     return results(made, **{
         "depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in variants(engines, depth))),
-        "time limit [s]": limits.limit, "workers": workers, "trajectories": limits.trajectories,
+        "time_limit": limits.limit, "workers": workers, "trajectories": limits.trajectories,
         "interrupted": watch.interrupted, "machine before": load_before,
         "machine while timing": machine_while_timing(union(made).table("times")), "machine after": load()})
 

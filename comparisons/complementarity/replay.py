@@ -126,6 +126,6 @@ def _row(kind: str, outcome: Outcome) -> dict[str, Any]:
     reasons = [each.reason for each in answers if each.reason]
     return {"class": kind, "problems": len(answers),
             **{name: sum(each.outcome == name for each in answers) for name in OUTCOMES},
-            "residual, largest": max((each.residual for each in answers if each.outcome == "solved"), default=np.nan),
-            "time, median [us]": 1e6 * float(np.median(timed)) if timed else np.nan,
+            "largest_residual": max((each.residual for each in answers if each.outcome == "solved"), default=np.nan),
+            "median_time": 1e6 * float(np.median(timed)) if timed else np.nan,
             "reason": outcome.reason if outcome.status != "ok" else next(iter(reasons), "")}

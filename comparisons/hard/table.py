@@ -55,5 +55,5 @@ def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
             "engine": label_of(variant.engine), "version": value.version if value else None,
             "fidelity": variant.fidelity, "parameter": variant.parameter, "step": step,
             "verdict": verdict.word, "about": verdict.about,
-            "size": verdict.size, "limit": verdict.limit, "cpu [s]": value.cpu_s if value else None,
+            "size": verdict.size, "limit": verdict.limit, "cpu_time": value.cpu_s if value else None,
             OWN_CPU: value.engine_s if value else None}

@@ -20,7 +20,7 @@ EVENT_WINDOW = 0.05
 KINDS = ("slip", "stick", "reversal", "corner")
 """Kinds of events."""
 
-TORQUE_ERROR = "torque error, L1 mean [N m]"
+TORQUE_ERROR = "torque_error"
 WRONG = "wrong"
 """Status of a run whose position error exceeds the size of the mechanism: it succeeded, but does not approximate the
 motion. Its row has that error as the reason and no numbers, so that nothing is fitted to it or ranked by it."""
@@ -44,13 +44,13 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
         The mechanism's, m, see `size_of`. A position error above it, and above the largest coordinate of the true
         motion, is the ``reason`` of a row with the ``status`` `WRONG`, instead of those of `Record.describe`.
     """
-    row: dict[str, Any] = {"truth": truth.scene, "truth tier": truth.tier, "truth note": truth.note}
+    row: dict[str, Any] = {"truth": truth.scene, "truth_tier": truth.tier, "truth_note": truth.note}
     if trajectory is None or len(trajectory.t) < 2 or truth.tier == NO_TRUTH:
         return row
     t = trajectory.t
     exact = truth(t)
-    row["time covered [s]"] = float(t[-1])
-    for label, suffixes, unit in (("position", ("x", "y"), "m"), ("velocity", ("vx", "vy"), "m/s")):
+    row["time_covered"] = float(t[-1])
+    for label, suffixes in (("position", ("x", "y")), ("velocity", ("vx", "vy"))):
         names = [name for name in exact if name.rpartition(".")[2] in suffixes and name in trajectory]
         if names:
             error = max(float(np.max(np.abs(trajectory[name] - exact[name]))) for name in names)
@@ -59,19 +59,19 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
                 stopped = "" if trajectory.termination == "end" else f"; {trajectory.termination}"
                 return {**row, "status": WRONG, "reason": f"position error {error:.2g} m, where the mechanism and its "
                                                           f"motion measure {reach:.2g} m{stopped}"}
-            row[f"{label} error [{unit}]"] = error
-            row[f"{label} uncertainty [{unit}]"] = max(truth.uncertainty.get(name, 0.0) for name in names)
+            row[f"{label}_error"] = error
+            row[f"{label}_uncertainty"] = max(truth.uncertainty.get(name, 0.0) for name in names)
     efforts = [name for name in exact if name.endswith(".effort") and is_known(trajectory, name)]
     means = [mean for name in efforts if (mean := effort_error(trajectory, truth, name)) is not None]
     if means:
         mean = max(means, key=lambda error: error.value)
-        row |= {TORQUE_ERROR: mean.value, "torque uncertainty [N m]": mean.uncertainty}
+        row |= {TORQUE_ERROR: mean.value, "torque_uncertainty": mean.uncertainty}
     return row | _event_errors(trajectory, truth)
 
 
 def missed(kind: str) -> str:
     """Return the name of the column of the events of a kind that a run does not have."""
-    return f"{kind} events missed"
+    return f"{kind}_events_missed"
 
 
 def _event_errors(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
@@ -82,10 +82,10 @@ def _event_errors(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
     found = [event for event in trajectory.events if truth.guides is None or event.joint in truth.guides]
     matched = match_events(true, found, EVENT_WINDOW)
     absent, kinds = Counter(event.kind for event in matched.missed), {event.kind for event in true}
-    return {"event time error [s]": matched.time_error,
-            "event time uncertainty [s]": truth.uncertainty.get("event time", 0.0),
-            "events matched": len(matched.matched), "events missed": len(matched.missed),
-            "events spurious": len(matched.spurious), **{missed(kind): absent[kind] for kind in KINDS if kind in kinds}}
+    return {"event_time_error": matched.time_error,
+            "event_time_uncertainty": truth.uncertainty.get("event time", 0.0),
+            "events_matched": len(matched.matched), "events_missed": len(matched.missed),
+            "events_spurious": len(matched.spurious), **{missed(kind): absent[kind] for kind in KINDS if kind in kinds}}
 
 
 def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Uncertain | None:

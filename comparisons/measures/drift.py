@@ -14,7 +14,7 @@ from stiction.scenes import Scene, Trajectory
 ROUNDING = 1e-13
 """Residuals below this, m: rounding of coordinates of some metres (eps * 1 m = 2e-16, summed over some hundred steps'
 noise)."""
-DECAY_ERROR = "error of the decay to the joints [-]"
+DECAY_ERROR = "decay_error"
 CLEAR = 1e-3
 """Largest part of a start off the constraints that rounding may be, for the decay of the start to be measured."""
 SETTLED = 16
@@ -29,16 +29,16 @@ def drift(trajectory: Trajectory | None) -> dict[str, Any]:
     they contain the penetration and clearance of contacts. Growth over so short a run is often inconclusive;
     `stiction.comparisons.studies.long_runs` has longer ones.
     """
-    row: dict[str, Any] = {"truth tier": "closed form"}
+    row: dict[str, Any] = {"truth_tier": "closed form"}
     if trajectory is None or len(trajectory.t) < 3:
         return row
     t, position, velocity = trajectory.t, trajectory["drift.position"], trajectory["drift.velocity"]
     law = growth(t, position, t[-1] / SETTLED, rounding_of(trajectory))
     return row | {
-        "position drift, max [m]": float(np.max(position)), "position drift, end [m]": float(position[-1]),
-        "velocity drift, max [m/s]": float(np.max(velocity)), "velocity drift, end [m/s]": float(velocity[-1]),
-        "growth": law.verdict, "exponent of growth [-]": law.exponent, "interval of the exponent [-]": law.uncertainty,
-        "uncertainty [m]": ROUNDING}
+        "position_drift": float(np.max(position)), "position_drift_end": float(position[-1]),
+        "velocity_drift": float(np.max(velocity)), "velocity_drift_end": float(velocity[-1]),
+        "growth": law.verdict, "growth_exponent": law.exponent, "growth_exponent_uncertainty": law.uncertainty,
+        "drift_uncertainty": ROUNDING}
 
 
 def decay_error(trajectory: Trajectory, scene: Scene) -> Uncertain | None:

@@ -19,7 +19,7 @@ from stiction.scenes.result_table import ResultTable
 
 CONTINUOUS = (*BODY_COLUMNS[0], *BODY_COLUMNS[1], "displacement", "slip_velocity")
 """Columns without jumps: their largest error counts; of the others, which a jump a step late makes large, the mean."""
-COLUMNS = ["column", "unit", "size", "tier", "at t [s]", "error", "uncertainty", "measure", "hint", "is input"]
+COLUMNS = ["column", "unit", "size", "tier", "error_time", "error", "uncertainty", "measure", "hint", "is_input"]
 TURN = 2 * np.pi
 EXPLAINS = 0.1
 """Part of the mean error, and of the mean size, that is left at most where a cause explains it: what has blown up to a
@@ -75,7 +75,7 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
         known = is_complete and size > KNOWN * truth.uncertainty.get(name, 0.0) and single.any()
         cause = hint(found[single], after[name][single], off[single], unit) if known else Hint()
         rows.append((name, unit, size, tier, time, error, unsure, measure, *cause))
-    return pd.DataFrame(rows, columns=COLUMNS).astype({"at t [s]": float, "error": float})
+    return pd.DataFrame(rows, columns=COLUMNS).astype({"error_time": float, "error": float})
 
 
 def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hint:

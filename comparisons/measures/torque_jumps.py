@@ -36,7 +36,7 @@ LATEST = 0.01
 """Largest distance of a reading from the true event beyond its own uncertainty, s: a step of the coarsest runs."""
 FARTHEST = 0.5
 """Part of a jump that its reading may be off by: a reading of less than half of a jump is nearer to none at all."""
-BOUND = "jump bound [N m]"
+BOUND = "jump_bound"
 """Column: bound of the error of the size of a jump; of a jump that is not read at least its whole size."""
 
 
@@ -64,8 +64,8 @@ def torque_table(records: Iterable[Record], truths: Mapping[str, Truth], effort:
     for record in records:
         truth = truths[record.key]
         if truth.tier == NO_TRUTH or record.outcome.status in UNMADE:
-            rows.append({**record.describe(), "truth": truth.scene, "effort": effort, "truth tier": truth.effort_tier,
-                         "truth note": truth.note})
+            rows.append({**record.describe(), "truth": truth.scene, "effort": effort, "truth_tier": truth.effort_tier,
+                         "truth_note": truth.note})
             continue
         rows += [{**record.describe(), "truth": truth.scene, **row}
                  for row in jump_rows(record.trajectory, truth, effort)]
@@ -84,19 +84,19 @@ def _row(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> di
     closed = truth.jump_closed_form[i] if truth.jump_closed_form is not None else None
     unsure = max(truth.uncertainty.get(effort, 0.0), abs(true - closed) if closed is not None else 0.0)
     row: dict[str, Any] = {
-        "effort": effort, "event": i, "event time [s]": event.time, "kind": event.kind, "joint": event.joint,
-        "jump, truth [N m]": true, "jump, closed form [N m]": closed, "truth tier": truth.effort_tier,
-        "truth note": truth.note, "truth uncertainty [N m]": unsure}
+        "effort": effort, "event": i, "event_time": event.time, "kind": event.kind, "joint": event.joint,
+        "true_jump": true, "closed_form_jump": closed, "truth_tier": truth.effort_tier,
+        "truth_note": truth.note, "true_jump_uncertainty": unsure}
     estimate = _read(trajectory, truth, i, effort)
     if estimate is None:
         return {**row, "resolved": False, BOUND: abs(true) + unsure}
     error = estimate.size - true
     bound = abs(error) + estimate.size_uncertainty + unsure
     is_read = abs(error) < FARTHEST * abs(true)
-    return {**row, "resolved": is_read, "jump [N m]": estimate.size, "jump error [N m]": error,
-            "jump uncertainty [N m]": estimate.size_uncertainty + unsure, "time [s]": estimate.time,
-            "time error [s]": estimate.time - event.time,
-            "time uncertainty [s]": estimate.time_uncertainty + truth.uncertainty.get("event time", 0.0),
+    return {**row, "resolved": is_read, "jump": estimate.size, "jump_error": error,
+            "jump_uncertainty": estimate.size_uncertainty + unsure, "time": estimate.time,
+            "time_error": estimate.time - event.time,
+            "time_uncertainty": estimate.time_uncertainty + truth.uncertainty.get("event time", 0.0),
             BOUND: bound if is_read else max(bound, abs(true) + unsure)}
 
 

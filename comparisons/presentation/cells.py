@@ -1,4 +1,4 @@
-"""Text of table cells: numbers rounded by their column's name, errors to two digits with their uncertainty."""
+"""Text of table cells: numbers rounded by the kind of their quantity, errors to two digits with their uncertainty."""
 
 from __future__ import annotations
 
@@ -9,33 +9,23 @@ from numbers import Real
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.quantities import DIGITS, Kind, Quantity, quantity_of
 from stiction.comparisons.uncertain import ERROR_DIGITS, Uncertain, plain
 
 TRAJECTORY = "trajectory"
 """Column of stored tables: the file of a row's trajectory, relative to the run folder."""
-AGAIN = "run again"
+AGAIN = "rerun_command"
 """Column of stored tables: the command that repeats a run whose trajectory is not stored."""
 MISSING, NULL = "–", "null (figure lost in the text we have)"
-_ERROR = re.compile(r"error|distance|drift|uncertainty|residual|creep|cpu|wall|change|order|convergence")
-_EXACT = re.compile(r"F0|truth \[N\]|event time \[s\]")
-_EXACT_DIGITS, _DIGITS = 10, 6  # a threshold is known to 1e-8
-
-
-def uncertainty_of(column: str) -> str:
-    """Column with the uncertainty of another: ``position uncertainty [m]`` of ``position error [m]``; else ``""``."""
-    named = re.sub(r"error(, L1 mean)?", "uncertainty", column, count=1)
-    return "" if named == column else named
-
-
-def unit_of(column: str) -> str:
-    """Unit in a column's name: ``m`` of ``position error [m]``; none of a number without dimension."""
-    found = re.search(r"\[([^\]]*)\]$", column)
-    return "" if found is None or found[1] == "-" else found[1]
+UNPRINTED = frozenset({"paper_threshold"})
+"""Keys of numbers of the paper that are lost in the text we have: missing ones are `NULL`."""
+LARGEST_WHOLE = 1e6
+"""Size from which on whole numbers are rounded, too."""
 
 
 def with_uncertainty(table: pd.DataFrame) -> pd.DataFrame:
     """Replace pairs of columns, number and uncertainty, by `Uncertain` numbers."""
-    pairs = {column: unsure for column in table if (unsure := uncertainty_of(str(column))) and unsure in table}
+    pairs = {column: unsure for column in table if (unsure := quantity_of(column).uncertainty) and unsure in table}
     shown = table.drop(columns=list(set(pairs.values())))
     for column, unsure in pairs.items():
         shown[column] = [value if is_missing(value) or is_missing(u) else Uncertain(float(value), float(u))
@@ -56,19 +46,20 @@ def setting_of(parameter: str, step: float) -> str:
     return f"dt = {step:g} s" if parameter == "dt" else f"{parameter} = {step:g}"
 
 
-def cell(column: str, value: object) -> str:
-    """Text of a value in a column of this name."""
+def cell(quantity: Quantity, value: object) -> str:
+    """Text of a value of a quantity."""
     if is_missing(value):
-        return NULL if re.fullmatch(r"paper( \[.*\])?", column.lower()) else MISSING
+        return NULL if quantity.key in UNPRINTED else MISSING
     if isinstance(value, (bool, np.bool_)):
         return "yes" if value else "no"
     if isinstance(value, Uncertain):
         return str(value)
     if isinstance(value, Real):
         number = float(value)
-        whole = number.is_integer() and abs(number) < 1e6
-        digits = ERROR_DIGITS if _ERROR.search(column) else _EXACT_DIGITS if _EXACT.search(column) else _DIGITS
-        text = f"{int(number)}" if whole else f"{number:.{digits}g}"
+        if number.is_integer() and abs(number) < LARGEST_WHOLE:
+            return f"{int(number)}"
+        digits = DIGITS.get(quantity.kind, DIGITS[Kind.VALUE])
+        text = f"{number:.{digits}g}"
         return plain(text) if digits == ERROR_DIGITS else text
     return re.sub(r"\s+", " ", str(value))
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.presentation.cells import cell, is_missing, uncertainty_of, unit_of
+from stiction.comparisons.presentation.cells import cell, is_missing
+from stiction.comparisons.quantities import Quantity, quantity_of
 from stiction.comparisons.uncertain import Uncertain, bounded
 
 BRIEF_ROWS = 30
@@ -23,15 +24,18 @@ class Column:
     Attributes
     ----------
     name, uncertainty, second, bound : str
-        Columns of the frame: the value; its uncertainty, `uncertainty_of` the name if empty; a second number of the
-        same unit, in brackets where it is another: ``55 (46)``; the signs of a value that is a bound or unsure: ``≤
-        55``, ``≥ ~55``. One without an uncertainty is rounded as its sign says.
+        Columns of the frame: the value; its uncertainty, that of the quantity if empty; a second number of the same
+        unit, in brackets where it is another: ``55 (46)``; the signs of a value that is a bound or unsure: ``≤ 55``,
+        ``≥ ~55``. One without an uncertainty is rounded as its sign says.
     label : str
-        Heading without unit; the name as it is if empty.
+        Heading without unit; that of the quantity if empty.
     unit : str
-        The unit after `scale`; that in the name if empty.
+        The unit after `scale`; that of the quantity if empty.
     form : str
-        Format of a number, such as ``".3g"``; if empty, two digits for errors, else by the column's name.
+        Format of a number, such as ``".3g"``; if empty, the digits of the kind of quantity.
+    of : str
+        Key of the quantity that the column shows; its own `name` if empty. Columns that a table is pivoted to have
+        names of their own, such as a column for each scene.
     interval : bool
         True for a number with a sign and always with its uncertainty: ``-0.035 ± 0.063``, not ``< 0.098``.
     scale : float
@@ -50,12 +54,18 @@ class Column:
     brief: bool = True
     second: str = ""
     bound: str = ""
+    of: str = ""
+
+    @property
+    def quantity(self) -> Quantity:
+        """What the column shows."""
+        return quantity_of(self.of or self.name)
 
     @property
     def head(self) -> str:
         """The label with its unit in brackets."""
-        unit = self.unit or (unit_of(self.name) if self.label else "")
-        return (self.label or self.name) + (f" [{unit}]" if unit else "")
+        unit = self.unit or self.quantity.unit
+        return (self.label or self.quantity.label) + (f" [{unit}]" if unit else "")
 
     def text(self, row: Mapping[str, Any]) -> str:
         """The cell of a row of the frame."""
@@ -63,20 +73,20 @@ class Column:
         if isinstance(sign, str) and sign:
             text = f"{sign}{text}" if self.interval else bounded(self.scale * float(row[self.name]), sign)
         if second is not None and not is_missing(second) and second != row[self.name]:
-            text += f" ({cell(self.name, self.scale * float(second))})"
+            text += f" ({cell(self.quantity, self.scale * float(second))})"
         return text
 
     def _value(self, row: Mapping[str, Any]) -> str:
         value = row[self.name]
         if is_missing(value) or isinstance(value, (str, bool, np.bool_)):
-            return cell(self.name, value)
-        unsure = row.get(self.uncertainty or (uncertainty_of(self.name) if self.label and not self.form else ""))
+            return cell(self.quantity, value)
+        unsure = row.get(self.uncertainty or ("" if self.form else self.quantity.uncertainty))
         if unsure is not None and not is_missing(unsure):
             number = Uncertain(self.scale * float(value), self.scale * float(unsure))
             return number.both() if self.interval else str(number)
         if self.form:
             return format(self.scale * float(value), self.form)
-        return cell(self.name, self.scale * value if self.scale != 1 else value)
+        return cell(self.quantity, self.scale * value if self.scale != 1 else value)
 
 
 @dataclass(frozen=True)

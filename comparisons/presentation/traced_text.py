@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import pandas as pd
 
-from stiction.comparisons.presentation.cells import cell, uncertainty_of
+from stiction.comparisons.presentation.cells import cell
+from stiction.comparisons.quantities import Kind, quantity_of
 from stiction.comparisons.uncertain import Uncertain, bounded
 
 MILLIMETRES = 1e-6
@@ -94,17 +95,18 @@ def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "
     form
         Format of a number that is not written as in tables.
     unsure
-        The column of its uncertainty, if it is not `uncertainty_of` the column.
+        The column of its uncertainty, if it is not that of the quantity.
     """
-    found, unsure = rows.at[label, column], unsure or uncertainty_of(column)
-    if "error" in column or "jump" in column:
+    quantity = quantity_of(column)
+    found, unsure = rows.at[label, column], unsure or quantity.uncertainty
+    if quantity.kind in (Kind.ERROR, Kind.JUMP):
         found = abs(found)
     if form:
         text = short(found, form)
     elif unsure in rows and pd.notna(rows.at[label, unsure]):
         text = str(Uncertain(float(found), float(rows.at[label, unsure])))
     else:
-        text = cell(column, found)
+        text = cell(quantity, found)
     return Number(text, table, column, (label + 1,))
 
 
@@ -122,7 +124,7 @@ def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:
 
 def interval(table: str, rows: pd.DataFrame, label: int, column: str, unsure: str = "") -> Number:
     """Return the cell of a row with its sign and its uncertainty: ``-0.035 ± 0.063``; arguments as of `value`."""
-    number = Uncertain(float(rows.at[label, column]), float(rows.at[label, unsure or uncertainty_of(column)]))
+    number = Uncertain(float(rows.at[label, column]), float(rows.at[label, unsure or quantity_of(column).uncertainty]))
     return Number(number.both(), table, column, (label + 1,))
 
 

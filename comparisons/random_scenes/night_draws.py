@@ -67,7 +67,7 @@ def _measured(draw: Draw) -> Row:
         if verdict.outcome in study.failing:
             again = f"python -m {__package__} {draw.what} {draw.seed} {i}"
             failing.append(f"{verdict.outcome}: {verdict.detail}; {verdict.about}; {again}")
-    metrics = tuple(Metric(f"{outcome} [-]", RANDOM, counts[outcome], tier=HIGH_PRECISION)
+    metrics = tuple(Metric(outcome, RANDOM, counts[outcome], tier=HIGH_PRECISION)
                     for outcome in study.outcomes if counts[outcome])
     return replace(draw.row, version=load_engine("reference").version, status=WRONG if failing else "ok",
                    reason=" | ".join(failing), metrics=metrics)
@@ -82,7 +82,7 @@ def sentences_on_draws(rows: Sequence[Row]) -> str:
             continue
         counts, scenes, missing = Counter[str](), 0, 0
         for settings, metrics in of_study:
-            counts.update({metric.name.removesuffix(" [-]"): int(metric.value) for metric in metrics})
+            counts.update({metric.name: int(metric.value) for metric in metrics})
             scenes += settings["count"]
             missing += 0 if metrics else settings["count"]
         numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in study.outcomes if counts[outcome])

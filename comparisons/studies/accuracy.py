@@ -28,8 +28,8 @@ from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, UNMADE, Record
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Trajectory
 
-POSITION, UNCERTAINTY = "position error [m]", "position uncertainty [m]"
-FOUND, MISSED, SPURIOUS = "events matched", "events missed", "events spurious"
+POSITION, UNCERTAINTY = "position_error", "position_uncertainty"
+FOUND, MISSED, SPURIOUS = "events_matched", "events_missed", "events_spurious"
 BY_KIND, EVENTS, SUPPLIERS = "missed, by kind", "events", "friction / events by"
 PIECES = 120
 """Parts of the time: of a difference, which changes sign all the time, the largest in each is drawn."""
@@ -85,7 +85,7 @@ def present(results: Results) -> Presentation:
               for method in found.values() if len(method.failed)]
     over_step = step_chart("accuracy", "Largest position error over the step. A row of panels holds methods that may "
                            "be compared; dotted: the slope of first order. The table also has runs by "
-                           "tolerance.", table, list(found), POSITION, "position error [m]")
+                           "tolerance.", table, list(found), POSITION, "position_error")
     return Presentation(
         answer or TracedText(f"No method succeeded{where}."),
         [sentence("Runs that failed or were declined, so that the method is not ranked: {}.", listed(failed))],
@@ -124,7 +124,7 @@ def _engines(table: pd.DataFrame, engines: Sequence[Method]) -> TracedText:
 def _closest(results: Results, table: pd.DataFrame, found: Mapping[str, Method]) -> Iterator[TableView]:
     """The closest engine of each group of equal work, in its worst case, and those that cannot be ranked against it."""
     suppliers, rows = {column: known_of(table, column) for column in (FRICTION_BY, EVENTS_BY)}, []
-    for name, variants_there in grouped_methods(results, same_work):
+    for group, variants_there in grouped_methods(results, same_work):
         others = [method for variant in variants_there if (method := found.get(variant))
                   and method.is_ranked and not method.is_own]
         others.sort(key=lambda method: table.at[method.worst_row, POSITION])
@@ -132,7 +132,7 @@ def _closest(results: Results, table: pd.DataFrame, found: Mapping[str, Method])
             continue
         row = others[0].worst_row
         best = [method.variant for method in others if not differ(table, row, method.worst_row)]
-        rows.append(({"group": name.partition(";")[0], "closest": ", ".join(called(variant, False) for variant in best),
+        rows.append(({"group": group.label, "closest": ", ".join(called(variant, False) for variant in best),
                       "of": len(others), **{column: known[best[0]] for column, known in suppliers.items()},
                       **table.loc[row, [POSITION, UNCERTAINTY]], "in": case_of(table.at[row, "scene"])},
                      table.loc[[row]]))
@@ -171,7 +171,7 @@ def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method
     for group, names in grouped_methods(results):
         for method in (found[name] for name in names if name in found):
             runs = method.rows
-            row: dict[str, object] = {"group": group, "method": method.variant,
+            row: dict[str, object] = {"group": group.label, "method": method.variant,
                                       SUPPLIERS: f"{friction[method.variant]} / {events[method.variant]}",
                                       "run": setting_of(runs["parameter"].iloc[0], runs["step"].iloc[0])}
             for run in runs.drop(index=method.failed.index).to_dict("records"):
@@ -182,7 +182,7 @@ def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method
             row["failed"] = "; ".join(f"{case_of(run['scene'])}: {run['reason'] or run['status']}"
                                       for run in method.failed.to_dict("records"))
             rows.append((row, runs))
-    cases = [Column(_of(POSITION, scene), case_of(scene), "m", _of(UNCERTAINTY, scene))
+    cases = [Column(_of(POSITION, scene), case_of(scene), "m", _of(UNCERTAINTY, scene), of=POSITION)
              for scene in dict.fromkeys(table["scene"])]
     columns = (Column("method"), Column(SUPPLIERS), Column("run", brief=False), *cases, Column(EVENTS),
                Column(BY_KIND, brief=False), Column("failed"))
@@ -215,8 +215,8 @@ def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
     shown = table.assign(**{BY_KIND: [missed_by_kind(table.loc[[label]]) if pd.notna(found) else ""
                                       for label, found in table[FOUND].items()]})
     columns = (Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
-               Column("status"), Column(POSITION, "position"), Column("velocity error [m/s]", "velocity"),
-               Column(TORQUE_ERROR, "torque, mean"), Column("event time error [s]", "event time"),
+               Column("status"), Column(POSITION, "position"), Column("velocity_error", "velocity"),
+               Column(TORQUE_ERROR, "torque, mean"), Column("event_time_error", "event time"),
                Column(FOUND, "found", form=".0f"), Column(BY_KIND), Column(SPURIOUS, "spurious", form=".0f"),
                Column("reason"))
     for scene, rows in shown[~shown["status"].isin(UNMADE)].groupby("scene", sort=False):
@@ -235,7 +235,7 @@ def chart_by_case(name: str, caption: str, table: pd.DataFrame, x: Axis, label: 
         row = {scene: series(rows[rows["scene"] == scene]) for scene in scenes}
         values = np.concatenate([np.empty(0), *(one.y for found in row.values() for one in found)])
         limits = (values.min() / MARGIN, values.max() * MARGIN) if len(values) else None
-        panels += [Panel(f"{title_of(scene)}; {group}", x,
+        panels += [Panel(f"{title_of(scene)}; {group.label}", x,
                          Axis(label if scene == scenes[0] else "", log=True, limits=limits), found)
                    for scene, found in row.items()]
     return Chart(name, caption, panels, max(1, len(scenes)), ROW_HEIGHT, share_x=True)

@@ -26,9 +26,9 @@ from stiction.engines.protocol import FIDELITIES
 from stiction.engines.registry import EngineMissing, UnknownEngine, load_engine
 from stiction.engines.shared.tree_engine import TreeEngine
 
-POSITION, VELOCITY = "position drift, max [m]", "velocity drift, max [m/s]"
-EXPONENT, INTERVAL = "exponent of growth [-]", "interval of the exponent [-]"
-JOINT_COORDINATES = "joint coordinates"
+POSITION, VELOCITY = "position_drift", "velocity_drift"
+EXPONENT, INTERVAL = "growth_exponent", "growth_exponent_uncertainty"
+JOINT_COORDINATES = "joint_coordinates"
 """Column: the engine moves a tree of links, which holds pins and guides by construction."""
 PIECES = 60
 """Parts of the time: the largest drift in each is drawn."""
@@ -76,9 +76,9 @@ def present(results: Results) -> Presentation:
                                   for variant, row in worst[column].items()})
                  for label, column in (("drift [m, rad]", POSITION), ("velocity drift [m/s]", VELOCITY))]
     every = (Column("scene"), Column("variant", "method"), Column("fidelity"), Column("step", form="g"),
-             Column(POSITION, "drift, max", "m, rad"), Column("position drift, end [m]", "drift, end", "m, rad"),
+             Column(POSITION, "drift, max", "m, rad"), Column("position_drift_end", "drift, end", "m, rad"),
              Column(VELOCITY, "velocity drift, max", "m/s"),
-             Column("velocity drift, end [m/s]", "velocity drift, end", "m/s"), Column("growth"),
+             Column("velocity_drift_end", "velocity drift, end", "m/s"), Column("growth"),
              Column(EXPONENT, "power of time", uncertainty=INTERVAL, interval=True), Column("status"), Column("reason"))
     all_runs = view("drift-all", "Drift of every run.", table, every, source="drift", in_report=False)
     notes = ["Drift is the norm of the residuals of the constraints, gaps in m and angles in rad together, or of "

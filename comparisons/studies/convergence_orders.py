@@ -43,10 +43,10 @@ AFTER = 1.2
 """s; ends before the first change of corners."""
 HALVES = (10, 20, 40, 80, 160)
 """Whole steps before the break-away, which comes half a step later: it is then noticed half a step late."""
-ERROR, UNSURE = "position error [m]", "position uncertainty [m]"
-STEP, ORDER, OBSERVED = "mean step [s]", "order of the method [-]", "observed order [-]"
-HALF = "interval of the order [-]"
-COLUMNS = ("scene", "method", STEP, ERROR, UNSURE, ORDER, OBSERVED, HALF, "runs", "why none", "status", "reason")
+ERROR, UNSURE = "position_error", "position_uncertainty"
+STEP, ORDER, OBSERVED = "mean_step", "promised_order", "observed_order"
+HALF = "observed_order_uncertainty"
+COLUMNS = ("scene", "method", STEP, ERROR, UNSURE, ORDER, OBSERVED, HALF, "runs", "why_none", "status", "reason")
 METHODS = {"reference": 8, "paper's scheme": 4, "paper's scheme, across a break-away": 1}
 """Refinement series, without events where no other is said, each with the order of its method."""
 LOOKS = dict(zip(METHODS, ("reference", "paper's scheme", "trial and error")))
@@ -97,7 +97,7 @@ def order_rows(scene: Scene, method: str) -> list[dict[str, object]]:
     found = [(step, errors(run, truth)) for step, run in runs]
     fit = observed_order([step for step, _ in found], *([row[name] for _, row in found] for name in (ERROR, UNSURE)))
     return [{"method": method, STEP: step, ERROR: row[ERROR], UNSURE: row[UNSURE], ORDER: METHODS[method],
-             OBSERVED: fit.order, HALF: fit.uncertainty, "runs": fit.runs, "why none": fit.reason}
+             OBSERVED: fit.order, HALF: fit.uncertainty, "runs": fit.runs, "why_none": fit.reason}
             for step, row in found]
 
 
@@ -130,7 +130,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
         return Tables({"orders": pd.DataFrame([
             {"scene": scene.name, **row, "status": outcome.status, "reason": outcome.reason}
             for (method, order), outcome in zip(METHODS.items(), outcomes, strict=True)
-            for row in outcome.value or [{"method": method, ORDER: order, "runs": 0, "why none": outcome.status}]],
+            for row in outcome.value or [{"method": method, ORDER: order, "runs": 0, "why_none": outcome.status}]],
             columns=COLUMNS)})
 
     return Comparison(tuple(Task(f"orders/{scene.name}/{method}", order_rows, (scene, method)) for method in METHODS),
@@ -150,7 +150,7 @@ def present(results: Results) -> Presentation:
                              value("orders", table, int(row.name), ORDER, "g")))
     columns = (Column("method"), Column(ORDER, "order promised"),
                Column(OBSERVED, "order observed (95 %)", uncertainty=HALF, interval=True), Column("runs"),
-               Column("why none"))
+               Column("why_none"))
     shown = view("orders", "Observed orders, fitted where neighbouring slopes agree; of runs without events, but "
                  "across a break-away where that is said.", parts, columns)
     series = []

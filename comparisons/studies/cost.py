@@ -24,10 +24,11 @@ from stiction.comparisons.studies.work_precision import ORDER, TIMING, TOTAL, Ti
 from stiction.comparisons.timing.timed_runs import OTHERS
 from stiction.comparisons.uncertain import bounded
 from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Variant, scaled
+from stiction.engines.protocol import Supplier
 from stiction.engines.registry import OWN_METHODS
 from stiction.scenes import Scene, load_scene
 
-PAPER, SET_UP, COMPILATION = "paper's scheme", "set-up [s]", "compile [s]"
+PAPER, SET_UP, COMPILATION = "paper's scheme", "setup_time", "compile_time"
 ERROR, UNCERTAINTY = QUANTITIES[0].error, QUANTITIES[0].uncertainty
 NEEDED = ("scene", "variant", "engine", "fidelity", "parameter", "status", "reason", "settings", FRICTION_BY, EVENTS_BY,
           TOTAL, OWN_CPU, "repeats", TIMING, SET_UP, COMPILATION, ERROR, UNCERTAINTY)
@@ -107,8 +108,8 @@ def present(results: Results) -> Presentation:
     every = (Column("scene"), Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
              Column("status"), Column("reason"), Column(TOTAL, "CPU", "ms", scale=MILLI, second=OWN_CPU),
              Column(SET_UP, "set-up", "ms", scale=MILLI, form=".2g"), Column(ERROR, "position error"),
-             Column(ORDER, "order"), Column("torque error, L1 mean [N m]", "torque error, mean"),
-             Column("event time error [s]", "event time error"), Column(TIMING))
+             Column(ORDER, "order"), Column("torque_error", "torque error, mean"),
+             Column("event_time_error", "event time error"), Column(TIMING))
     runs = view("cost-all", "Every run of the refinement series.", cost, every, source="cost", in_report=False)
     return Presentation(_answer(reached, first), findings, _headlines(results, cost, reached, first),
                         [*tables, _limits(cost, equal), runs], [_figure(cost)], NOTES, _first_run(cost))
@@ -133,7 +134,7 @@ def _times_to_position(results: Results, cost: pd.DataFrame) -> pd.DataFrame:
     equal = with_columns(results.table("equal-error"), *COLUMNS)
     there = equal["quantity"].eq(QUANTITIES[0].name) & equal["scene"].isin(cost["scene"]) & equal["because"].ne(FAILED)
     steps = cost.loc[(cost["parameter"] == "dt") & ~cost["engine"].isin(OWN_METHODS), "variant"]
-    return equal[there].assign(**{"at most": equal["at most"].eq(True), "steps": equal["variant"].isin(steps)})
+    return equal[there].assign(**{"is_bound": equal["is_bound"].eq(True), "steps": equal["variant"].isin(steps)})
 
 
 def _sign(time: Mapping[Hashable, Any], bound: str) -> str:
@@ -143,7 +144,7 @@ def _sign(time: Mapping[Hashable, Any], bound: str) -> str:
 
 def _bounded(rows: pd.DataFrame, label: int) -> Number:
     """A total time to an error in ms, with ``≤`` where the coarsest run already meets it, and `UNSURE`."""
-    sign = _sign(rows.loc[label].to_dict(), "≤ " if rows.at[label, "at most"] else "")
+    sign = _sign(rows.loc[label].to_dict(), "≤ " if rows.at[label, "is_bound"] else "")
     return scaled_value("equal-error", rows, label, TOTAL, sign)
 
 
@@ -272,10 +273,10 @@ def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> Ta
     rows = []
     for group, part in groups(cost[cost["variant"].isin(here["variant"])]):
         for variant in dict.fromkeys(part["variant"]):
-            times, row = here[here["variant"] == variant], {"group": group, "variant": variant}
+            times, row = here[here["variant"] == variant], {"group": group.label, "variant": variant}
             reached = times[times[TOTAL].notna()].to_dict("records")
             for time in reached:
-                row |= _cells(time, time["error"], "≤ " if time["at most"] else "")
+                row |= _cells(time, time["error"], "≤ " if time["is_bound"] else "")
             runs = part[(part["variant"] == variant) & (part["scene"] == scene)]
             if reached and times[SMALLEST].iloc[0] <= runs[UNCERTAINTY].max():  # smaller errors cannot be measured
                 for error in ERRORS:
@@ -283,7 +284,7 @@ def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> Ta
             rows.append((row, times))
     columns = [Column("variant", "method"),
                *(Column(f"{TOTAL} {error:g}", f"{MILLI * error:g} mm", "ms", scale=MILLI,
-                        second=f"{OWN_CPU} {error:g}", bound=f"bound {error:g}") for error in ERRORS)]
+                        second=f"{OWN_CPU} {error:g}", bound=f"bound {error:g}", of=TOTAL) for error in ERRORS)]
     caption = (f"CPU time to a position error in {case_of(scene)}: total, in brackets the engine's part. "
                "Only methods of one group can be ranked.")
     name = "cost" if scene == first else f"cost-{scene.replace('/', '-')}"
@@ -303,16 +304,16 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
     for variant, times in equal.groupby("variant", sort=False):
         runs = cost[cost["variant"] == variant]
         done, one = runs[succeeded(runs)], times.iloc[0]
-        row = {"variant": variant, ERROR: times[SMALLEST].max(), "order": one["order [-]"],
-               "order uncertainty": one["order uncertainty [-]"], "limit": one["because"], "why": one["why"],
-               "set-up cpu [s]": done[SET_UP].median(), "compile cpu [s]": done[COMPILATION].max(),
+        row = {"variant": variant, ERROR: times[SMALLEST].max(), "order": one["order"],
+               "order uncertainty": one["order_uncertainty"], "limit": one["because"], "why": one["why"],
+               "setup_cpu_time": done[SET_UP].median(), "compile_cpu_time": done[COMPILATION].max(),
                "unsure": f"{_is_unsure(runs).sum()} of {_is_timed(runs).sum()}",
                **done.iloc[0][[FRICTION_BY, EVENTS_BY]]}
         rows.append((row, runs))
-    columns = (Column("variant", "method"), Column(ERROR, "smallest error"),
+    columns = (Column("variant", "method"), Column(ERROR, "smallest_error"),
                Column("order", uncertainty="order uncertainty", interval=True), Column("limit"),
-               Column("set-up cpu [s]", "set-up", "ms", scale=MILLI),
-               Column("compile cpu [s]", "compilation", "ms", scale=MILLI), Column("unsure", "timings unsure"),
+               Column("setup_cpu_time", "set-up", "ms", scale=MILLI),
+               Column("compile_cpu_time", "compilation", "ms", scale=MILLI), Column("unsure", "timings unsure"),
                Column(FRICTION_BY, "friction law supplied by"), Column(EVENTS_BY), Column("why"))
     caption = ("The smallest error of each refinement series (of several cases the worst), the order at its finest "
                "runs, and what limits it. Set-up: median; compilation: once a process, at most.")
@@ -326,12 +327,12 @@ def _figure(cost: pd.DataFrame) -> Chart:
     first = drawn.assign(method=method).drop_duplicates(["engine", "fidelity", "method"])
     drawn = drawn[drawn["variant"].isin(first["variant"])]
     friction, events = (known_of(drawn, column) for column in (FRICTION_BY, EVENTS_BY))
-    marks = {variant: " *" * ("adapter" in f"{friction[variant]} {events[variant]}") for variant in friction}
+    ours = {variant for variant in friction if {friction[variant], events[variant]} & {Supplier.ADAPTER, Supplier.BOTH}}
 
     ends = drawn[TOTAL].agg(["min", "max"]).to_numpy(float)
 
     def series(here: pd.DataFrame) -> list[Series]:
-        found = [Series(variant + marks[variant], runs[TOTAL].to_numpy(float), runs[ERROR].to_numpy(float),
+        found = [Series(f"{variant} *" if variant in ours else variant, runs[TOTAL].to_numpy(float), runs[ERROR].to_numpy(float),
                         look=variant, points=True) for variant, runs in here.groupby("variant", sort=False)]
         return [*found, Series("", ends, ends * 0 + TARGET, look=LIMIT)] if found else []
 
@@ -339,7 +340,7 @@ def _figure(cost: pd.DataFrame) -> Chart:
         "work-precision", "Position error over total CPU time, a line a refinement series: down and to the left is "
         "better. A row of panels holds methods at the same fidelity and physics. *: our adapter does a part of the "
         "work, the friction law or the location of events, whose time is included. Dotted: 1 mm.", drawn,
-        Axis("total CPU time [s]", log=True), "position error [m]", series)
+        Axis("total CPU time [s]", log=True), "position_error", series)
 
 
 STUDY = Study("cost", "Cost", "What does accuracy cost?", 2, present, plan, seconds=0.13,

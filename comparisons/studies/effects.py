@@ -40,12 +40,12 @@ REFERENCE = Variant("reference", "reference", "rtol", (1e-9,))
 """The reference with the stabilization that an effect sets."""
 PAPERS = Baumgarte(method="baumgarte", alpha=90, beta=10)
 """Terms of Zhuang & Wang 2014, for scenes that declare none."""
-LEFT_OUT, PAIRS = "blocks left out", "HLCP pairs in slip [-]"
-RATIO, LOW, HIGH = (f"engine cpu, of baseline{end} [-]" for end in ("", ", low", ", high"))
+LEFT_OUT, PAIRS = "blocks_left_out", "hlcp_pairs"
+RATIO, LOW, HIGH = (f"engine_time_ratio{end}" for end in ("", "_low", "_high"))
 """Ratio of times inside the engine's own calls, which are all of the reference's, and the ends of its interval."""
 LARGEST_ERROR = 1e-3
 """Metres, from which on times to equal errors are compared."""
-MOTION = "position change [m]"
+MOTION = "position_change"
 KINDS = ("slip", "stick", "reversal", "corner")
 
 
@@ -122,8 +122,8 @@ def _events(trajectory: Trajectory | None) -> dict[str, Any]:
     if trajectory is None or (not trajectory.events and trajectory.engine != "reference"):
         return {}
     count = Counter(event.kind for event in trajectory.events)
-    return {**{f"{kind} events": count[kind] for kind in KINDS},
-            "first event [s]": trajectory.events[0].time if trajectory.events else None}
+    return {**{f"{kind}_events": count[kind] for kind in KINDS},
+            "first_event": trajectory.events[0].time if trajectory.events else None}
 
 
 def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) -> dict[str, Any]:
@@ -133,7 +133,7 @@ def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) 
         return row
     run, effort = timing.trajectory, f"{drive}.effort"
     if is_known(run, effort):
-        row[f"{effort}, largest [N, N m]"] = float(np.max(np.abs(graph(run, effort).values)))
+        row["largest_effort"] = float(np.max(np.abs(graph(run, effort).values)))
     if baseline is None:
         return row
     other = baseline.trajectory
@@ -142,13 +142,13 @@ def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) 
     if common < 2 or not np.array_equal(t, other.t[:common]):
         return {**row, "status": "failed", "reason": "output instants differ from those of the run with all effects, "
                                                      "which has the same settings"}
-    for label, suffixes in ((MOTION, ("x", "y")), ("velocity change [m/s]", ("vx", "vy"))):
+    for label, suffixes in ((MOTION, ("x", "y")), ("velocity_change", ("vx", "vy"))):
         row[label] = max(float(np.max(np.abs(run[name][:common] - other[name][:common])))
                          for name in run.columns if name.rpartition(".")[2] in suffixes and name in other)
     if is_known(run, effort) and is_known(other, effort):
         a, b = graph(run, effort), graph(other, effort)
-        row["effort change, L1 mean [N, N m]"] = l1(a, b).value / float(t[-1] - t[0])
-    row["time compared [s]"] = float(t[-1])
+        row["effort_change"] = l1(a, b).value / float(t[-1] - t[0])
+    row["time_compared"] = float(t[-1])
     ratio = ratio_interval(*([sample.own_s for sample in each.samples] for each in (timing, baseline)))
     return row | {RATIO: ratio.value, LOW: ratio.low, HIGH: ratio.high}
 
@@ -187,10 +187,10 @@ def present(results: Results) -> Presentation:
              "of a scene.",)
     ratios = [_ratio(table, row).text if pd.notna(table.at[row, RATIO]) else "" for row in table.index]
     columns = (Column("effect"), Column("ratio", "engine time, of baseline"),
-               Column(MOTION, "position change"), Column("stick events"), Column("rhs [-]", "right-hand sides"),
+               Column(MOTION, "position change"), Column("stick_events"), Column("counter:rhs", "right-hand sides"),
                Column(PAIRS, "HLCP pairs"), Column(LEFT_OUT, brief=False),
-               Column("velocity change [m/s]", "velocity change", brief=False),
-               Column("effort change, L1 mean [N, N m]", "effort change, mean", brief=False),
+               Column("velocity_change", "velocity change", brief=False),
+               Column("effort_change", "effort change, mean", brief=False),
                Column("reason", brief=False))
     shown = view("effects", "The scene without each of its effects, and with other stabilizations than projection. "
                  "Time inside the engine's own calls over the baseline's, which comes first; position: largest change "
@@ -216,7 +216,7 @@ def _at_equal_error(results: Results) -> TracedText:
     if equal.empty:
         return TracedText()
     equal = equal[(equal["quantity"] == "position") & (equal["error"] <= LARGEST_ERROR) & equal[TOTAL].notna()
-                  & ~equal["at most"].eq(True)]
+                  & ~equal["is_bound"].eq(True)]
     over, under = ({(row["scene"], row["error"]): label for label, row in equal[equal["variant"] == name].iterrows()}
                    for name in (f"reference, {BAUMGARTE}", "reference"))
     pairs = [(over[key], under[key]) for key in over if key in under]
@@ -234,7 +234,7 @@ def _promise(table: pd.DataFrame, faster: pd.DataFrame) -> list[TracedText]:
     row = int(sized.sort_values([PAIRS, RATIO]).index[0])
     base = int(table.index[(table["effect"] == BASELINE) & (table["engine"] == "reference")][0])
     pairs = [value("effects", table, at, PAIRS, "g") for at in (base, row)]
-    evaluations = [value("effects", table, at, "rhs [-]", "g") for at in (row, base)]
+    evaluations = [value("effects", table, at, "counter:rhs", "g") for at in (row, base)]
     return [traced("Without {}, `stiction explain` leaves out these blocks: {}.", _named(table.at[row, "effect"]),
                    table.at[row, LEFT_OUT]),
             traced("Its HLCP goes from {} to {} pairs, and engine time to {}, with {} instead of {} right-hand sides. "

@@ -32,15 +32,15 @@ from stiction.comparisons.variants import OWN_CPU, Variant, scaled
 from stiction.scenes import InputError, Trajectory, load_scene
 
 DEFAULT = "default"
-ERROR, SUBJECT, SETTING, ON_FRONT = "position error [m]", "subject", "setting", "on the front"
-DRIFT, ROUNDING = "position drift, max [m]", "drift by rounding [m]"
-JUDGED = {ERROR: "position uncertainty [m]", "torque error, L1 mean [N m]": "torque uncertainty [N m]", DRIFT: ROUNDING}
+ERROR, SUBJECT, SETTING, ON_FRONT = "position_error", "subject", "setting", "on_front"
+DRIFT, ROUNDING = "position_drift", "drift_rounding"
+JUDGED = {ERROR: "position_uncertainty", "torque_error": "torque_uncertainty", DRIFT: ROUNDING}
 """Errors that a choice is judged by, and their uncertainties; no torque of a scene without a drive.
 
 The drift is that of all joints and drives, see `stiction.comparisons.measures.drift.drift`.
 """
-FACTOR, EVERYWHERE = "time, of the fastest [-]", "better everywhere"
-TIME_RATIO, ERROR_RATIO, FAILED = "time, of the default's [-]", "largest error, of the default's [-]", "failed runs"
+FACTOR, EVERYWHERE = "time_of_fastest", "better_everywhere"
+TIME_RATIO, ERROR_RATIO, FAILED = "time_ratio", "largest_error_ratio", "failed_runs"
 TIME_RATIO_ENDS = f"{TIME_RATIO}, least", f"{TIME_RATIO}, most"
 MORE = 1.01
 """Ratio from which one error counts as larger than another: a solver that has converged leaves less."""
@@ -78,8 +78,10 @@ class Subject:
 
     def variants(self, steps: Sequence[float]) -> list[Variant]:
         """The default and every choice, which the label names."""
-        default = Variant(f"{self.label}: {DEFAULT}", self.engine, "dt", tuple(steps), self.fidelity, dict(self.fixed))
-        return [default, *(replace(default, label=f"{self.label}: {name}={value}", settings={**self.fixed, name: value})
+        default = Variant(f"{self.label}: {DEFAULT}", self.engine, "dt", tuple(steps), self.fidelity, dict(self.fixed),
+                          subject=self.label, setting=DEFAULT)
+        return [default, *(replace(default, label=f"{self.label}: {name}={value}", settings={**self.fixed, name: value},
+                                   setting=f"{name}={value}", changed=name)
                            for name, values in self.choices.items() for value in values)]
 
 
@@ -103,7 +105,9 @@ def settings_table(timed: Timed) -> pd.DataFrame:
     """The rows of `work_precision` for the choices on a scene, with the setting, its drift, and the front."""
     drifts = [drift_and_rounding(record.trajectory) for record in timed.records]
     table = timed.table.join(pd.DataFrame(drifts, columns=[DRIFT, ROUNDING]))
-    table[[SUBJECT, SETTING]] = table["variant"].str.partition(": ")[[0, 2]]
+    tried = {record.key: record.variant for record in timed.records}
+    table[SUBJECT] = [tried[key].subject for key in table["key"]]
+    table[SETTING] = [tried[key].setting for key in table["key"]]
     table[ON_FRONT] = False
     for _, rows in _measured(table).groupby(SUBJECT, sort=False):
         times = (rows[name].to_numpy(float) for name in (LOW, HIGH))

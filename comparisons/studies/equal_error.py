@@ -67,15 +67,15 @@ class Quantity:
     without_events: str = ""
 
 
-QUANTITIES = (Quantity("position", "position error [m]", "position uncertainty [m]", "m"),
-              Quantity("torque", "torque error, L1 mean [N m]", "torque uncertainty [N m]", "N m",
+QUANTITIES = (Quantity("position", "position_error", "position_uncertainty", "m"),
+              Quantity("torque", "torque_error", "torque_uncertainty", "N m",
                        "between two output instants it is not known when it jumps"),
-              Quantity("event time", "event time error [s]", "event time uncertainty [s]", "s",
+              Quantity("event time", "event_time_error", "event_time_uncertainty", "s",
                        "there is nothing to compare"))
-SMALLEST = "smallest error"
+SMALLEST = "smallest_error"
 COLUMNS = ("scene", "truth", "fidelity", "variant", "engine", "quantity", "error", "unit", OWN_CPU, LOW, HIGH,
-           TOTAL, TOTAL_LOW, TOTAL_HIGH, LEVEL, TIMING, "at most", SMALLEST, "because", "why", "order [-]",
-           "order uncertainty [-]")
+           TOTAL, TOTAL_LOW, TOTAL_HIGH, LEVEL, TIMING, "is_bound", SMALLEST, "because", "why", "order",
+           "order_uncertainty")
 """Columns of `equal_error`."""
 
 
@@ -134,7 +134,7 @@ def _rows(runs: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity,
         about = {**series.iloc[0][["scene", "fidelity", "variant", "engine"]], "truth": next(iter(truths), None),
                  "quantity": quantity.name, "unit": quantity.unit,
                  SMALLEST: _smallest(series[succeeded(series)], quantity), "because": limit.because,
-                 "why": limit.why, "order [-]": order.value, "order uncertainty [-]": order.uncertainty}
+                 "why": limit.why, "order": order.value, "order_uncertainty": order.uncertainty}
         for target in targets:
             time = time_to(series, samples, quantity, target)
             yield about | {"error": target} | time
@@ -162,7 +162,7 @@ def time_to(series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, tar
     own, total = (median_interval(rounds[name]) for name in (OWN_CPU, TOTAL))
     coarsest = _sizes(series[succeeded(series)], quantity).iloc[0]
     return {OWN_CPU: own.value, LOW: own.low, HIGH: own.high, TOTAL: total.value, TOTAL_LOW: total.low,
-            TOTAL_HIGH: total.high, LEVEL: own.level, TIMING: doubt(total), "at most": bool(coarsest <= target)}
+            TOTAL_HIGH: total.high, LEVEL: own.level, TIMING: doubt(total), "is_bound": bool(coarsest <= target)}
 
 
 def rounds_to(series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, target: float) -> pd.DataFrame | None:
@@ -203,7 +203,7 @@ def limit_of(series: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFra
     if rows.empty:
         return Limit(FAILED, f"{series['status'].iloc[-1]}: {series['reason'].iloc[-1]}")
     sizes = _sizes(rows, quantity).dropna()
-    locates = "events matched" in rows and rows["events matched"].notna().any()
+    locates = "events_matched" in rows and rows["events_matched"].notna().any()
     best = sizes.groupby(rows["scene"]).idxmin()
     at_the_truth = len(best) > 0 and (sizes[best] == rows.loc[best, quantity.uncertainty]).all()
     if (sizes.empty or at_the_truth) and quantity.without_events and not locates:
@@ -225,11 +225,10 @@ def limit_of(series: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFra
         return Limit(INTEGRATION, f"does not fall with {parameter}: its step of {settings['dt']:g} s is fixed", order)
     if high >= FALLS:
         return Limit(UNKNOWN, found, order)
-    return Limit(*_level(rows, quantity, accelerations, str(settings.get("friction_law", "")),
-                         f"does not fall: {found}"), order)
+    return Limit(*_level(rows, quantity, accelerations, settings, f"does not fall: {found}"), order)
 
 
-def _level(rows: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFrame | None, law: str,
+def _level(rows: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFrame | None, settings: Mapping[str, Any],
            found: str) -> tuple[str, str]:
     """Limit of an error that does not fall, and the evidence."""
     if rows["fidelity"].iloc[0] == "contact":
@@ -242,7 +241,9 @@ def _level(rows: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFrame |
         if np.isfinite(theirs):
             under = "the engine's accelerations under an integrator of high order"
             return MODEL, f"{found}; {under} end at {theirs:.1g} {quantity.unit}"
-    return (ADAPTER, f"{found}; {law}") if "adapter" in law else (UNKNOWN, found)
+    if settings.get(FRICTION_SUPPLIED_BY) in (Supplier.ADAPTER, Supplier.BOTH):
+        return ADAPTER, f"{found}; {settings['friction_law']}"
+    return UNKNOWN, found
 
 
 def order_of(rows: pd.DataFrame, quantity: Quantity) -> Uncertain | None:

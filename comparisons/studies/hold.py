@@ -37,8 +37,8 @@ from stiction.comparisons.timing.intervals import ratio_interval
 from stiction.comparisons.timing.visits import visit
 from stiction.comparisons.truth import NO_TRUTH
 from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import (FRICTION_BY, OWN_CPU, UNMADE, Record, Variant, has_static_coefficient,
-                                           run_command, truth_key)
+from stiction.comparisons.variants import (COEFFICIENTS, FRICTION_BY, OWN_CPU, UNMADE, Coefficients, Record, Variant,
+                                           has_static_coefficient, run_command, truth_key)
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import FIDELITIES, EngineFailure
 from stiction.engines.registry import OWN_METHODS, load_engine
@@ -48,13 +48,15 @@ from stiction.scenes.wording import as_given
 PARAMETERS = ("part", "ramp", "v0", "limit", "mu", "mus")
 """Parameters of a scene of the study: the load is part + ramp t of the limit, and v0 the slider's speed along it."""
 HELD, RAMP, STOP = "held", "ramp", "stop"
-CREEP, UNSURE, LOAD, TEST = "creep [m/s]", "creep uncertainty [m/s]", "load [-]", "test"
-PART, LETS_GO = "part of the bound [-]", "lets go"
-OF_STEP, OF_ZONE, LANDED = "creep, of g dt [-]", "creep, of the regularization [-]", "landing [m]"
-BREAK_AWAY, BREAK_UNSURE = "break-away error [-]", "break-away uncertainty [-]"
-FASTER, STOPPED, STOP_UNSURE = "acceleration error [-]", "stop error [m]", "stop uncertainty [m]"
-HOLDS, SLOWER, TIME = "holds", "creep, of the default's [-]", "time, of the default's [-]"
-FOUND, FOUND_UNSURE = "found [-]", "found uncertainty [-]"
+CHANGED = "changed"
+"""Name of the setting that a run changes, none for the default."""
+CREEP, UNSURE, LOAD, TEST = "creep", "creep_uncertainty", "load", "test"
+PART, LETS_GO = "bound_fraction", "lets_go"
+OF_STEP, OF_ZONE, LANDED = "creep_per_g_dt", "creep_per_regularization", "landing"
+BREAK_AWAY, BREAK_UNSURE = "break_away_error", "break_away_uncertainty"
+FASTER, STOPPED, STOP_UNSURE = "acceleration_error", "stop_error", "stop_uncertainty"
+HOLDS, SLOWER, TIME = "holds", "creep_ratio", "time_ratio"
+FOUND, FOUND_UNSURE = "found", "found_uncertainty"
 OUTPUT = {HELD: 4e-3, RAMP: 1e-3, STOP: 4e-3}
 """Seconds between samples: of a ramp one step of 1 ms, for the instant of letting go."""
 TRUE_STEP = 1e-4
@@ -111,10 +113,10 @@ class Trial:
         return f"{HELD} {self.load:g}" if self.test == HELD else self.test
 
     @property
-    def tried(self) -> tuple[str | None, str | None]:
-        """Subject and setting that are tried; None for a method as it is."""
-        subject, _, setting = self.variant.label.partition(": ")
-        return (subject, setting) if setting else (None, None)
+    def tried(self) -> tuple[str | None, str | None, str | None]:
+        """Subject and setting that are tried, and the name of the setting; None for a method as it is."""
+        variant = self.variant
+        return (variant.subject, variant.setting, variant.changed or None) if variant.setting else (None, None, None)
 
     @property
     def truth(self) -> str:
@@ -243,8 +245,9 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
     """A row of the table: of a failed run with its reason, of a run without truth without errors."""
     ends = outcome.value and outcome.value[1]
     record = Record(trial.key, trial.scene.name, trial.variant, trial.step, replace(outcome, value=ends))
-    row = {**record.describe(), "truth": truth_key(trial.scene.name, trial.static),
-           **dict(zip((SUBJECT, SETTING), trial.tried)), TEST: trial.test, LOAD: trial.load}
+    row = {**record.describe(), COEFFICIENTS: str(Coefficients.of(trial.static)),
+           "truth": truth_key(trial.scene.name, trial.static),
+           **dict(zip((SUBJECT, SETTING, CHANGED), trial.tried)), TEST: trial.test, LOAD: trial.load}
     if outcome.value is None:
         return row
     row[AGAIN] = run_command(trial.scene.name, trial.variant.engine, [
@@ -263,7 +266,7 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
     if trial.test == HELD:
         row |= {LANDED: found.landing, LETS_GO: found.lets_go, PART: _part_of_bound(trial.scene, ends)}
     if true is None or true.value is None:
-        return row if true is None else row | {"truth note": f"{true.status}: {true.reason}"}
+        return row if true is None else row | {"truth_note": f"{true.status}: {true.reason}"}
     exact, unsure = true.value
     if trial.test == STOP:
         return row | {STOPPED: found.landing - exact.landing, STOP_UNSURE: unsure}
@@ -280,7 +283,7 @@ def _part_of_bound(scene: Scene, ends: Trajectory) -> float:
 def _break_away(trial: Trial, found: Slip, exact: Slip) -> dict[str, Any]:
     """The load at which it lets go less the truth's, both at the same speed; a slider that never does has a bound."""
     if exact.let_go is None:
-        return {"truth note": f"the truth does not reach {LET_GO:g} m/s"}
+        return {"truth_note": f"the truth does not reach {LET_GO:g} m/s"}
     rate = trial.scene.parameters["ramp"]
     let_go = trial.scene.t_end if found.let_go is None else found.let_go
     sampled = max(OUTPUT[RAMP], trial.step if trial.variant.parameter == "dt" else 0.0)
@@ -326,7 +329,7 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
         made = runs[succeeded(runs) & runs[CREEP].notna()]
         if runs.empty:
             continue
-        row = {**runs.iloc[0][["variant", "engine", "fidelity", "truth"]], "failed": len(runs) - len(made)}
+        row = {**runs.iloc[0][["variant", "engine", "fidelity", COEFFICIENTS]], "failed": len(runs) - len(made)}
         if len(made):
             worst, unsure = made.loc[fastest(made)], made[CREEP].abs() + made[UNSURE] > STILL
             moves = moving(made).any() or len(made) < len(runs)
@@ -334,7 +337,7 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
                     "scene": worst["scene"], LOAD: worst[LOAD], CREEP: abs(worst[CREEP]), UNSURE: worst[UNSURE],
                     OF_ZONE: worst[OF_ZONE]}
         rows.append(row)
-    return pd.DataFrame(rows, columns=["variant", "engine", "fidelity", "truth", "failed", HOLDS, LETS_GO, "scene",
+    return pd.DataFrame(rows, columns=["variant", "engine", "fidelity", COEFFICIENTS, "failed", HOLDS, LETS_GO, "scene",
                                        LOAD, CREEP, UNSURE, OF_ZONE])
 
 
@@ -356,17 +359,17 @@ def laws_table(table: pd.DataFrame) -> pd.DataFrame:
     tried = tried[tried[CREEP].abs() > tried[UNSURE]]
     for law in load_data().laws:
         runs = tried[tried[SUBJECT] == law.subject]
-        runs = runs[(runs[SETTING] == DEFAULT) | runs[SETTING].str.startswith(f"{law.over}=", na=False)]
+        runs = runs[(runs[SETTING] == DEFAULT) | runs[CHANGED].eq(law.over)]
         runs = runs.assign(over=[json.loads(settings).get(law.over) for settings in runs["settings"]])
         runs = runs[runs["over"] >= law.least]
         if runs.empty:
             continue
         kind, expected = ("exponent", law.exponent) if law.exponent is not None else ("ratio", 1.0)
         found = _farthest(runs, law.form) if law.form else _power(runs)
-        rows.append({SUBJECT: law.subject, "over": law.over, "kind": kind, "law [-]": expected, "source": law.source,
+        rows.append({SUBJECT: law.subject, "over": law.over, "kind": kind, "law": expected, "source": law.source,
                      "runs": len(runs), FOUND: found and found.value, FOUND_UNSURE: found and found.uncertainty,
                      "verdict": verdict(found, expected, BAND[kind])})
-    return pd.DataFrame(rows, columns=[SUBJECT, "over", "kind", "law [-]", "source", "runs", FOUND, FOUND_UNSURE,
+    return pd.DataFrame(rows, columns=[SUBJECT, "over", "kind", "law", "source", "runs", FOUND, FOUND_UNSURE,
                                        "verdict"])
 
 
@@ -438,7 +441,7 @@ def present(results: Results) -> Presentation:
                            ("of our own", ranked[ranked["engine"].isin(OWN_METHODS)])) if len(rows)]),
                     _speeds(methods, ranked, creeping))
     headline = Headline("creep up to 90 % of static friction [m/s]", {
-        row["variant"]: TracedText("lets go") if row[LETS_GO] is True else
+        row["variant"]: TracedText("lets_go") if row[LETS_GO] is True else
         traced("{}", _speed("hold-methods", methods, label)) for label, row in ranked.iterrows()})
     loads = sorted(table.loc[table[TEST] == HELD, LOAD].unique())
     by_load = _by_load(table, methods, loads)
@@ -581,7 +584,8 @@ Rows = list[tuple[dict[str, Any], pd.DataFrame]]
 def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, laws: pd.DataFrame, by_load: Rows,
             loads: Sequence[float]) -> Iterator[TableView]:
     """Creep by method and load, what is beyond the limit, settings, laws, and every run."""
-    at_loads = [Column(f"creep at {load:g}", f"{100 * load:g} %", "m/s", f"uncertainty at {load:g}") for load in loads]
+    at_loads = [Column(f"creep at {load:g}", f"{100 * load:g} %", "m/s", f"uncertainty at {load:g}", of=CREEP)
+                for load in loads]
     yield view("hold", "Creep of each method, the fastest on any scene, at loads in parts of the limit; the step "
                "nearest to 1 ms or the tightest tolerance.", by_load,
                (Column("variant", "method"), Column("fidelity"), Column(FRICTION_BY, "friction law supplied by"),
@@ -614,7 +618,7 @@ def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, 
     if len(laws[laws["over"] != REST] if len(laws) else laws):
         yield view("hold-laws", "Laws of creep over a setting: the exponent with which it grows, or the farthest ratio "
                    "of creep to what the law predicts.", laws,
-                   (Column(SUBJECT, "engine"), Column("over"), Column("kind"), Column("law [-]", "law", form="g"),
+                   (Column(SUBJECT, "engine"), Column("over"), Column("kind"), Column("law", "law", form="g"),
                     Column(FOUND, "found", "", FOUND_UNSURE, interval=True), Column("runs"),
                     Column("verdict"), Column("source", brief=False)))
     every = [Column(name) for name in table if name not in ("settings", "version", AGAIN)]

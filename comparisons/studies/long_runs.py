@@ -59,8 +59,8 @@ BEYOND = (1.25e-2, 1.5e-2, 1.6e-2)
 """s; on both sides of the step at which the paper's choice becomes unstable, 15.5 ms."""
 TWICE = 2.0
 """Ratio to the error without stabilization, above which stabilization does harm."""
-IN_SHORT, ERROR, OCTAVE = "position drift to 24 s, max [m]", "position error [m]", "position drift, rms [m]"
-DRIFT_RATIO, ERROR_RATIO = "drift, of that without [-]", "error, of that without [-]"
+IN_SHORT, ERROR, OCTAVE = "position_drift_24s", "position_error", "position_drift_rms"
+DRIFT_RATIO, ERROR_RATIO = "drift_ratio", "error_ratio"
 LAWS = {GROWS: "grows in {}", BOUNDED: "is bounded in {}", ROUNDED: "is rounding in {}",
         INCONCLUSIVE: "is inconclusive in {}", "": "is unknown (stopped early) in {}"}
 
@@ -195,11 +195,11 @@ def drift_run(long: LongRun) -> DriftRun:
             within = run.t <= length + step / 2
             law = growth(run.t[within], drift[within], SliderBar.from_scene(scene).period() / 2, rounding[within])
             octaves = law.octaves
-            row |= {f"growth, {length:g} s": law.verdict, f"exponent of growth, {length:g} s [-]": law.exponent,
-                    f"interval of the exponent, {length:g} s [-]": law.uncertainty,
-                    f"spread, of a random walk's, {length:g} s [-]": law.spread}
+            row |= {f"growth_{length:g}s": law.verdict, f"growth_exponent_{length:g}s": law.exponent,
+                    f"growth_exponent_uncertainty_{length:g}s": law.uncertainty,
+                    f"walk_spread_{length:g}s": law.spread}
     found = errors(simulate(SHORT, 1e-2), slider_bar_truth(scene, SHORT), size_of(scene))
-    return row | {name: found.get(name) for name in (ERROR, "position uncertainty [m]")}, octaves
+    return row | {name: found.get(name) for name in (ERROR, "position_uncertainty")}, octaves
 
 
 def drift_study(runs: Sequence[LongRun], outcomes: Sequence[Outcome]) -> Tables:
@@ -215,10 +215,10 @@ def drift_study(runs: Sequence[LongRun], outcomes: Sequence[Outcome]) -> Tables:
         choice, gains = run.choice, run.choice.method == "baumgarte"
         options = [("t-end", f"{run.t_end:g}"), ("dt", f"{run.step:g}"), ("setting", f"stabilization={choice.method}"),
                    *(("set", f"stabilization.{name}={getattr(choice, name):g}") for name in ("alpha", "beta") if gains)]
-        rows.append({**row, "run": run.name, "alpha [1/s]": choice.alpha or None, "beta [1/s]": choice.beta or None,
-                     "time [s]": run.t_end, **made[0], "status": outcome.status,
+        rows.append({**row, "run": run.name, "alpha": choice.alpha or None, "beta": choice.beta or None,
+                     "time": run.t_end, **made[0], "status": outcome.status,
                      AGAIN: run_command(run.scene.name, "reference", options) if outcome.value else None})
-        octaves += [{**row, "to [s]": end, OCTAVE: size} for end, size in made[1]]
+        octaves += [{**row, "octave_end": end, OCTAVE: size} for end, size in made[1]]
     table = pd.DataFrame(rows)
     if IN_SHORT in table:
         without = table[table["choice"] == NONE.label].set_index(["scene", "step"])
@@ -248,10 +248,10 @@ def decisive_runs(table: pd.DataFrame, scene: str, choice: Choice) -> list[tuple
     decisive = (table["scene"] == scene) & (table["reason"] == "") & table["step"].isin(STEPS)
     found = []
     for run in table[decisive & (table["choice"] == choice.label)].to_dict("records"):
-        length = max(length for length in LENGTHS if isinstance(run.get(f"growth, {length:g} s"), str))
-        exponent, interval, spread = (run[f"{name}, {length:g} s [-]"] for name in (
-            "exponent of growth", "interval of the exponent", "spread, of a random walk's"))
-        found.append((run, Law(run[f"growth, {length:g} s"], exponent, interval, spread, length)))
+        length = max(length for length in LENGTHS if isinstance(run.get(f"growth_{length:g}s"), str))
+        exponent, interval, spread = (run[f"{name}_{length:g}s"] for name in (
+            "growth_exponent", "growth_exponent_uncertainty", "walk_spread"))
+        found.append((run, Law(run[f"growth_{length:g}s"], exponent, interval, spread, length)))
     return found
 
 
@@ -262,15 +262,15 @@ def present(results: Results) -> Presentation:
         return Presentation()
     sizes, harmed = _price(study)
     findings = [*(_laws(study, choice, words) for choice, words in CALLED.items()), harmed]
-    scenes = octaves.loc[octaves["to [s]"] > SHORT, "scene"].unique() if len(octaves) else ()
+    scenes = octaves.loc[octaves["octave_end"] > SHORT, "scene"].unique() if len(octaves) else ()
     figures = [_figure(study[study["scene"] == scene], octaves[octaves["scene"] == scene],
                        f"drift-{scene}" if number else "fig14-drift") for number, scene in enumerate(scenes)]
     laws = [column for length in LENGTHS for column in (
-        Column(f"growth, {length:g} s"),
-        Column(f"exponent of growth, {length:g} s [-]", f"power, {length:g} s",
-               uncertainty=f"interval of the exponent, {length:g} s [-]", interval=True))]
+        Column(f"growth_{length:g}s"),
+        Column(f"growth_exponent_{length:g}s", f"power, {length:g} s",
+               uncertainty=f"growth_exponent_uncertainty_{length:g}s", interval=True))]
     columns = (Column("scene"), Column("choice"), Column("step", unit="s", form="g"),
-               Column("time [s]", "time", "s", form="g"), Column(IN_SHORT, "drift in 24 s", "m, rad"),
+               Column("time", "time", "s", form="g"), Column(IN_SHORT, "drift in 24 s", "m, rad"),
                Column(POSITION, "drift", "m, rad"), Column(VELOCITY, "velocity drift", "m/s"),
                Column(ERROR, "position error in 24 s", "m"), Column(DRIFT_RATIO, "drift / that without"),
                Column(ERROR_RATIO, "error / that without"), *laws, Column("status"), Column("reason"))
@@ -285,19 +285,19 @@ def present(results: Results) -> Presentation:
 def _laws(study: pd.DataFrame, choice: Choice, words: str) -> TracedText:
     """The number of runs by their law, over the longest time for which there is one, and the powers of growth."""
     runs = study[study["choice"] == choice.label]
-    lengths = [length for length in LENGTHS[1:] if f"growth, {length:g} s" in runs.dropna(axis="columns", how="all")]
+    lengths = [length for length in LENGTHS[1:] if f"growth_{length:g}s" in runs.dropna(axis="columns", how="all")]
     if not lengths:
         return TracedText()
     length = max(lengths)
-    runs = runs[runs["time [s]"] >= length]
-    laws = runs[f"growth, {length:g} s"].fillna("")
+    runs = runs[runs["time"] >= length]
+    laws = runs[f"growth_{length:g}s"].fillna("")
     found = [traced(phrase, count("study", study, run=frozenset(runs.loc[laws == law, "run"])))
              for law, phrase in LAWS.items() if (laws == law).any()]
     ends = [_milliseconds(study, int(row)) for row in (runs["step"].idxmin(), runs["step"].idxmax())]
     cases = listed([case_of(scene) for scene in runs["scene"].unique()])
     sentence = traced("{}, drift {} of {} runs of {} s ({}; {} ms)", words, listed(found),
                       count("study", study, run=frozenset(runs["run"])), f"{length:g}", cases, _span(ends))
-    powers = runs.loc[laws == GROWS, f"exponent of growth, {length:g} s [-]"].dropna()
+    powers = runs.loc[laws == GROWS, f"growth_exponent_{length:g}s"].dropna()
     if len(powers):
         ends = [value("study", study, int(row), powers.name, ".3g") for row in (powers.idxmin(), powers.idxmax())]
         sentence = traced("{}, with powers of time of {}", sentence, _span(ends))
@@ -352,7 +352,7 @@ def _why_harm() -> str:
 
 def _by_choice(study: pd.DataFrame) -> TableView:
     scene, heads = study["scene"].iloc[0], {step: f"drift at {1e3 * step:g} ms" for step in STEPS}
-    runs, law = study[study["scene"] == scene], "growth, 240 s"
+    runs, law = study[study["scene"] == scene], "growth_240s"
     frame = above_rounding(runs, [IN_SHORT]).pivot(index="choice", columns="step", values=IN_SHORT)
     frame = frame.reindex(runs["choice"].unique(), columns=STEPS).rename(columns=heads).reset_index()
     behind = [runs.index[runs["choice"] == choice] + 1 for choice in frame["choice"]]
@@ -369,7 +369,7 @@ def _by_choice(study: pd.DataFrame) -> TableView:
 def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
     """The paper's Fig. 14 over a longer time, and drift over the step, in one scene."""
     steps = [step for step in STEPS if step in set(octaves["step"])]
-    over_time = [Series("", rows["to [s]"].to_numpy(), rows[OCTAVE].to_numpy(), look=choice.label, points=True,
+    over_time = [Series("", rows["octave_end"].to_numpy(), rows[OCTAVE].to_numpy(), look=choice.label, points=True,
                         hollow=step != steps[-1])
                  for choice, step in product((NONE, PAPERS, PROJECTION), dict.fromkeys((steps[0], steps[-1])))
                  if len(rows := octaves[(octaves["choice"] == choice.label) & (octaves["step"] == step)])]
@@ -379,7 +379,7 @@ def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
                  for choice in CHOICES if len(rows := ended[ended["choice"] == choice.label])]
     title = f"hollow: {1e3 * steps[0]:g} ms, full: {1e3 * steps[-1]:g} ms" if len(steps) > 1 else ""
     unstable = PAPERS.largest_step()
-    panels = (Panel(title, Axis("time [s]", log=True, ticks=sorted(set(octaves["to [s]"]))),
+    panels = (Panel(title, Axis("time [s]", log=True, ticks=sorted(set(octaves["octave_end"]))),
                     Axis("drift, rms of an octave [m, rad]", log=True), over_time),
               Panel("largest in 24 s", Axis("step [s]", log=True, ticks=sorted(set(study["step"]))),
                     Axis("drift, largest in 24 s [m, rad]", log=True), over_step, lines=(unstable,)))

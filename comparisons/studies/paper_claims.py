@@ -12,6 +12,7 @@ import textwrap
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from functools import partial
 from importlib import resources
 from typing import Any
@@ -25,6 +26,7 @@ from stiction.comparisons.measures.claim_measures import CORNERS, EFFORT, LINE, 
 from stiction.comparisons.measures.drift_growth import INCONCLUSIVE, ROUNDED
 from stiction.comparisons.measures.steady_stretch import Stretch, run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.presentation import Column, Presentation, TracedText, count, listed, traced, view
+from stiction.comparisons.quantities import quantity_of
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.long_runs import LENGTHS, NONE, PAPERS, Law, decisive_runs, drift_study_comparison
 from stiction.comparisons.studies.stick_threshold import STUDY as THRESHOLD_STUDY
@@ -44,7 +46,32 @@ WORDS = {HOLDS: ("holds", "hold"), STEADY: ("holds in the steady state only", "h
          FAILS: ("does not hold", "do not hold"), NOT_TESTABLE: ("is not testable", "are not testable"),
          UNDECIDED: ("is not decided", "are not decided")}
 """Each verdict after 1 and after another number."""
-MARGIN = "margin, "
+
+
+class Part(StrEnum):
+    """A stretch of motion on which a claim is measured."""
+
+    TRUTH_FROM_START = "truth_from_start"
+    TRUTH_STEADY = "truth_steady"
+    RUN_FROM_START = "run_from_start"
+    RUN_LAST_PERIOD = "run_last_period"
+
+    @property
+    def is_steady(self) -> bool:
+        """True for a stretch of the steady state."""
+        return self in (Part.TRUTH_STEADY, Part.RUN_LAST_PERIOD)
+
+    @property
+    def margin(self) -> str:
+        """Key of the column with the margin on it."""
+        return f"margin_{self}"
+
+    @property
+    def label(self) -> str:
+        """Words of it: ``truth, from the start``."""
+        return {Part.TRUTH_FROM_START: "truth, from the start", Part.TRUTH_STEADY: "truth, steady",
+                Part.RUN_FROM_START: "HLCP, from the start", Part.RUN_LAST_PERIOD: "HLCP, last period"}[self]
+
 
 RUN, FROM_START = 80.0, 24.0
 """Seconds of a run of the scheme, whose last period is its steady state, and of the stretch from the start.
@@ -170,7 +197,7 @@ def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: s
     views = Views(cases, threshold)
     chosen = {place: claim for place, claim in enumerate(claims()) if claim.case == about}
     return pd.DataFrame([{"case": claim.case, "place": claim.place, "claim": claim.words, **_examine(claim, views),
-                          "truth tier": HIGH_PRECISION} for claim in chosen.values()], index=list(chosen))
+                          "truth_tier": HIGH_PRECISION} for claim in chosen.values()], index=list(chosen))
 
 
 def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
@@ -190,16 +217,16 @@ def _drift_row(found: Sequence[tuple[Mapping[Any, Any], Law]], words: str, stabi
     held = [law in allowed for law, *_ in laws if law != INCONCLUSIVE]  # a run that is too short decides nothing
     said = UNDECIDED if not held else HOLDS if all(held) else PARTLY if any(held) else FAILS
     row: dict[str, Any] = {
-        "case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": said, "margin is": margin,
-        "truth tier": "closed form", "runs of the study": "; ".join(run["run"] for run in runs)}
+        "case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": said, "margin_kind": margin,
+        "truth_tier": "closed form", "study_runs": "; ".join(run["run"] for run in runs)}
     margins = [1 - spread if stabilized else exponent - half for law, exponent, half, spread, _ in laws
                if law not in (ROUNDED, INCONCLUSIVE)]
     if margins:
-        row["margin, HLCP, from the start"] = min(margins)
+        row[Part.RUN_FROM_START.margin] = min(margins)
     lengths = [length for length in LENGTHS
-               if runs and all(run.get(f"growth, {length:g} s") in allowed for run in runs)]
+               if runs and all(run.get(f"growth_{length:g}s") in allowed for run in runs)]
     if lengths:
-        row |= {"run needed [s]": lengths[0], "step needed [s]": max(run["step"] for run in runs)}
+        row |= {"run_needed": lengths[0], "step_needed": max(run["step"] for run in runs)}
     return row
 
 
@@ -208,36 +235,36 @@ def _examine(claim: Claim, views: Views) -> dict[str, Any]:
         return {"verdict": NOT_TESTABLE, "why": claim.why}
     found = findings(claim, views)
     said = verdict(claim, found)
-    why = "; ".join(f"{name}: {finding.why}" for name, finding in found.items() if finding.why)
+    why = "; ".join(f"{part.label}: {finding.why}" for part, finding in found.items() if finding.why)
     return {"verdict": said, "why": claim.contradiction if said == CONTRADICTS else why,
-            "margin is": _QUOTED["margin"][claim.measure].format(LINE=LINE, **claim.arguments) + claim.remark,
-            **{f"margin, {name}": finding.margin for name, finding in found.items()},
+            "margin_kind": _QUOTED["margin"][claim.measure].format(LINE=LINE, **claim.arguments) + claim.remark,
+            **{part.margin: finding.margin for part, finding in found.items()},
             **(_needs(claim, views) if said in (HOLDS, STEADY, CONTRADICTS) else {})}
 
 
-def findings(claim: Claim, views: Views, truths_only: bool = False) -> dict[str, ClaimMargin]:
+def findings(claim: Claim, views: Views, truths_only: bool = False) -> dict[Part, ClaimMargin]:
     """Measure a claim on each stretch of motion; one about the beginning on those from the start."""
-    where: dict[str, View] = {"truth, from the start": views.truth, "truth, steady": views.steady_truth}
+    where: dict[Part, View] = {Part.TRUTH_FROM_START: views.truth, Part.TRUTH_STEADY: views.steady_truth}
     if not truths_only:
-        where |= {"HLCP, from the start": partial(views.beginning, STEPS[-1]),
-                  "HLCP, last period": partial(views.period, STEPS[-1], 0)}
-    return {name: claim.measured(views, view) for name, view in where.items()
-            if "start" in name or not claim.beginning}
+        where |= {Part.RUN_FROM_START: partial(views.beginning, STEPS[-1]),
+                  Part.RUN_LAST_PERIOD: partial(views.period, STEPS[-1], 0)}
+    return {part: claim.measured(views, view) for part, view in where.items()
+            if not (part.is_steady and claim.beginning)}
 
 
-def verdict(claim: Claim, found: Mapping[str, ClaimMargin]) -> str:
+def verdict(claim: Claim, found: Mapping[Part, ClaimMargin]) -> str:
     """Return the verdict that follows from the findings on each stretch.
 
     A claim holds where it does on all of them; in the steady state only where it does on both stretches of that, and
     not on one from the start; partly where truth and run disagree, or where a part of it holds. A claim that holds and
     contradicts another contradicts itself.
     """
-    holds = {name: finding.holds for name, finding in found.items()}
+    holds = {part: finding.holds for part, finding in found.items()}
     if any(np.isnan(finding.margin) for finding in found.values()):
         return UNDECIDED
     if all(holds.values()):
         return CONTRADICTS if claim.contradiction else HOLDS
-    steady = [held for name, held in holds.items() if "start" not in name]
+    steady = [held for part, held in holds.items() if part.is_steady]
     if steady and all(steady):
         return STEADY
     return PARTLY if any(holds.values()) or any(finding.some for finding in found.values()) else FAILS
@@ -257,7 +284,7 @@ def _needs(claim: Claim, views: Views) -> dict[str, Any]:
         if not held(step, 0):
             break
         coarsest = step
-    return {"run needed [s]": FROM_START if claim.beginning else RUN - number * period, "step needed [s]": coarsest}
+    return {"run_needed": FROM_START if claim.beginning else RUN - number * period, "step_needed": coarsest}
 
 
 SAMPLING = 1e-5
@@ -266,7 +293,7 @@ SAMPLING = 1e-5
 Maxima are of 4000 samples a period. The fastest oscillation here is four periods of the bar in one of the load: they
 miss its maximum by up to (2 pi 4/4000)^2/8 = 5e-6 of it.
 """
-THRESHOLD = "threshold on F0 [N]"
+THRESHOLD = "threshold_on_F0"
 
 
 @dataclass(frozen=True)
@@ -294,9 +321,8 @@ def sensitivity(cases: Mapping[int, Scene], overrides: Mapping[str, Any]) -> Sen
             reasons.append(f"case {case}: {error}")
             continue
         stuck = steady.stick_time * steady.period / (steady.end - steady.start)
-        numbers |= {f"stick time per period, case {case} [s]": stuck,
-                    f"largest F_i, case {case} [N]": steady.maximum(*CORNERS),
-                    f"largest moment, case {case} [N m]": steady.maximum(EFFORT)}
+        numbers |= {f"stick_time_case_{case}": stuck, f"largest_corner_force_case_{case}": steady.maximum(*CORNERS),
+                    f"largest_moment_case_{case}": steady.maximum(EFFORT)}
     return Sensitivity(numbers, verdicts, "; ".join(reasons))
 
 
@@ -324,11 +350,11 @@ def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:
         before = {words: ours.verdicts.get(words, UNDECIDED) for words in found.verdicts}
         of_claims = "; ".join(f"\"{textwrap.shorten(words, 90, placeholder=' ..')}\" {said} (was: {before[words]})"
                               for words, said in found.verdicts.items() if said != before[words]) or "none"
-        changed = {name.rpartition(" [")[0]: (old, new) for name, old in ours.numbers.items()
+        changed = {quantity_of(name).label: (old, new) for name, old in ours.numbers.items()
                    if abs((new := found.numbers.get(name, old)) - old) > SAMPLING * abs(old)}
         of_numbers = "; ".join(f"{name} {100 * (new / old - 1):+.2g} %" if old else f"{name} {new:.3g} (was: 0)"
                                for name, (old, new) in changed.items()) or "none"
-    return {"reason": found.reason, "claims that change": of_claims, "numbers that change": of_numbers, **found.numbers}
+    return {"reason": found.reason, "claims_that_change": of_claims, "numbers_that_change": of_numbers, **found.numbers}
 
 
 def general_claims() -> list[dict[str, Any]]:
@@ -346,8 +372,8 @@ def general_claims() -> list[dict[str, Any]]:
         margin = 2.0 - len(known)
         why = f"{scene.name} at t = 0: {entry['effort']} of {' or '.join(f'{value:.5g}' for value in known)} N"
         rows.append({"case": "-", "place": entry["place"], "claim": entry["words"],
-                     "verdict": HOLDS if margin > 0.0 else FAILS, "why": why, "margin is": entry["margin"],
-                     "truth tier": "closed form", "margin, HLCP, from the start": margin})
+                     "verdict": HOLDS if margin > 0.0 else FAILS, "why": why, "margin_kind": entry["margin"],
+                     "truth_tier": "closed form", Part.RUN_FROM_START.margin: margin})
     return rows
 
 
@@ -390,12 +416,12 @@ def present(results: Results) -> Presentation:
             if (number := count("claims", table, verdict=verdict)).text != "0"]
     answer = traced("Of {} statements {}.", count("claims", table), listed(said))
     rarest = table.sort_values("verdict", key=lambda verdicts: verdicts.map(verdicts.value_counts()), kind="stable")
-    stretches = [str(column) for column in table if str(column).startswith(MARGIN)]
-    rarest["margins"] = ["; ".join(f"{name.removeprefix(MARGIN)}: {row[name]:.2g}" for name in stretches
-                                   if pd.notna(row[name])) for row in rarest.to_dict("records")]
+    parts = [part for part in Part if part.margin in table]
+    rarest["margins"] = ["; ".join(f"{part.label}: {row[part.margin]:.2g}" for part in parts
+                                   if pd.notna(row[part.margin])) for row in rarest.to_dict("records")]
     short = (Column("case"), Column("verdict"), Column("claim", "statement"), Column("why"))
-    columns = (*short, Column("place", "where"), Column("margins"), Column("run needed [s]", "run needed"),
-               Column("step needed [s]", "step needed"))
+    columns = (*short, Column("place", "where"), Column("margins"), Column("run_needed", "run needed"),
+               Column("step_needed", "step needed"))
     tables = [view("claims-open", "The paper's statements that do not simply hold: about its example (Sect. 5), and "
                                   "about forces.",
                    rarest[rarest["verdict"] != HOLDS], short, source="claims"),
@@ -404,7 +430,7 @@ def present(results: Results) -> Presentation:
                    columns, in_report=False)]
     open_choices, choices = TracedText(), results.table("sensitivity")
     if len(choices):
-        changed = choices.get("claims that change", pd.Series(dtype=object)).dropna()
+        changed = choices.get("claims_that_change", pd.Series(dtype=object)).dropna()
         open_choices = traced("Of {} choices that the paper leaves open, {} change a verdict.",
                               count("sensitivity", choices), str((changed != "none").sum()))
         every = [Column(str(name)) for name in choices if name not in ("status", "reason")]

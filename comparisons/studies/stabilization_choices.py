@@ -25,7 +25,7 @@ from stiction.comparisons.timing.intervals import ratio_interval
 from stiction.comparisons.timing.visits import Timing
 from stiction.comparisons.variants import OWN_CPU, Record, Variant, scaled
 
-ERROR = "position error [m]"
+ERROR = "position_error"
 CHOICES = ("none", "baumgarte", "projection")
 WAYS = (("reference", "rtol", (1e-6, 1e-9)), ("paper's scheme", "dt", (1e-2, 1e-3)))
 
@@ -97,9 +97,9 @@ def present(results: Results) -> Presentation:
     settings = [setting_of(*run) for run in zip(table["parameter"], table["step"])]
     columns = (Column("variant", "method, stabilization"), Column("setting"),
                Column(OWN_CPU, "engine time", "ms", "half", interval=True, scale=1e3),
-               Column("rhs [-]", "right-hand sides"), Column(POSITION, "drift", "m, rad"),
+               Column("counter:rhs", "right-hand sides"), Column(POSITION, "drift", "m, rad"),
                Column(VELOCITY, "velocity drift", "m/s"),
-               Column(ERROR, "position error", "m", "position uncertainty [m]"),
+               Column(ERROR, "position error", "m", "position_uncertainty"),
                Column("reason", brief=False))
     shown = view("suppression", "Cost, drift and error of the reference and of the paper's scheme, by stabilization; "
                  "tolerance or step, and all else, are equal.",

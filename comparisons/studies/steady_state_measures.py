@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 from stiction.comparisons.measures.invariant_shifts import TURN, invariant_shifts
 from stiction.comparisons.measures.settling import (LEAST_PASSES, MOST_PERIODS, NoCommonPeriod, NotSettled,
                                                     excitation_period, settled)
+from stiction.comparisons.quantities import Quantity
 from stiction.comparisons.studies.stick_threshold import CREEP_TOLERANCE, SHORTEST_STICK
 from stiction.comparisons.variants import COMMON_STEP, time_factor
 from stiction.engines.protocol import EVENTS_LOCATED_BY, EngineFailure, Refused
@@ -282,8 +283,14 @@ class Measure:
 
     @property
     def column(self) -> str:
-        named = f" of {self.element}" if self.element else ""
-        return f"{self.name}{named} [{self.unit}]"
+        """Key of its column in a sweep's table: its name as in a command, ``peak-speed:block``."""
+        return f"{self.name}:{self.element}" if self.element else self.name
+
+    @property
+    def quantity(self) -> Quantity:
+        """What its column is."""
+        label = f"{self.name} of {self.element}" if self.element else self.name
+        return Quantity(self.column, label, self.unit)
 
     def source(self, scene: Scene) -> str:
         """The column of a run that it is of; none where that is of nothing."""

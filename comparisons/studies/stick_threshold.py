@@ -60,14 +60,14 @@ LOCATED_WIDTH = 1e-9
 SETTLES = 0.25
 """Part of an error by which the last refinement may still change it where it is said to be one: with more, finer steps
 may remove it."""
-CHANGE = "change from coarser step [N]"
+CHANGE = "threshold_change"
 MOST_NAMED = 3
 """Methods that the answer names one by one."""
 TRUTH = "threshold truth"
 """Name of the comparison that `plan` requires."""
-MIDDLE, ERROR, UNCERTAINTY = "F0 threshold [N]", "error [N]", "uncertainty [N]"
-AGAIN, SCANNED = "sticks again", "scanned to [N]"
-WITH_STICK, WITHOUT_STICK = "F0 with stick [N]", "F0 without stick [N]"
+MIDDLE, ERROR, UNCERTAINTY = "F0_threshold", "threshold_error", "threshold_uncertainty"
+AGAIN, SCANNED = "sticks_again", "scanned_to"
+WITH_STICK, WITHOUT_STICK = "F0_with_stick", "F0_without_stick"
 
 
 @dataclass(frozen=True)
@@ -373,8 +373,8 @@ def threshold_table(scene: Scene, variants: Sequence[Variant], outcomes: Sequenc
             row = {"scene": scene.name, "variant": variant.label, "engine": label_of(variant.engine),
                    "fidelity": variant.fidelity, "parameter": variant.parameter, "step": step,
                    "status": outcome.status, "reason": outcome.reason or (found.remark if found else ""),
-                   "truth [N]": truth.F0, "truth tier": tier, "truth note": truth.note,
-                   "truth uncertainty [N]": truth.uncertainty, "theorem": truth.theorem, "paper [N]": PAPER_VALUE,
+                   "true_threshold": truth.F0, "truth_tier": tier, "truth_note": truth.note,
+                   "true_threshold_uncertainty": truth.uncertainty, "theorem": truth.theorem, "paper_threshold": PAPER_VALUE,
                    AGAIN: truth.above.words if truth.above else "",
                    SCANNED: truth.above.end if truth.above else np.nan,
                    "mus": guide.static_coefficient, "key": f"threshold/{run_key(scene, variant, step)}"}
@@ -388,7 +388,7 @@ def threshold_table(scene: Scene, variants: Sequence[Variant], outcomes: Sequenc
     middle = 0.5 * (ends[WITH_STICK] + ends[WITHOUT_STICK])
     change = middle.dropna().groupby(table["variant"]).diff().abs().reindex(table.index)
     width = ends[WITHOUT_STICK] - ends[WITH_STICK]
-    return table.assign(**ends, **{MIDDLE: middle, ERROR: middle - table["truth [N]"].astype(float),
+    return table.assign(**ends, **{MIDDLE: middle, ERROR: middle - table["true_threshold"].astype(float),
                                    UNCERTAINTY: width + residual + change.fillna(0.0), CHANGE: change})
 
 
@@ -402,7 +402,7 @@ def present(results: Results) -> Presentation:
     finest = measured.loc[measured.groupby("variant", sort=False)["step"].idxmin()]
     off = {variant: interval("threshold", table, int(row), ERROR) for row, variant in finest["variant"].items()}
     row = int(measured.index[0])
-    truth = Number(known(table.at[row, "truth [N]"], table.at[row, "truth uncertainty [N]"]), "threshold", "truth [N]",
+    truth = Number(known(table.at[row, "true_threshold"], table.at[row, "true_threshold_uncertainty"]), "threshold", "true_threshold",
                    rows=(row + 1,))
     beyond = finest[finest[ERROR].abs() > finest[UNCERTAINTY]].sort_values(ERROR, key=abs, kind="stable")
     steps = finest.loc[finest["parameter"] == "dt", "step"]

@@ -35,7 +35,7 @@ from stiction.reference_impl.multibody.initial_state import with_consistent_star
 from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
 from stiction.scenes.expressions import evaluate
 
-THRESHOLD, THRESHOLD_COLUMN, WINDOW_START = "threshold", "threshold [N]", "window from [s]"
+THRESHOLD, THRESHOLD_COLUMN, WINDOW_START = "threshold", "threshold", "window_begin"
 """The measure that is a bisection and not a run, its column, and the column of the start of a run's window."""
 SEARCH = (0.25, 4.0)
 """Multiples of the scene's own amplitude between which the threshold is searched if the amplitude is no axis; else from

@@ -28,7 +28,7 @@ from stiction.comparisons.variants import UNMADE, Record, time_factor
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Event, InputError, Scene
 
-TRUE_JUMP, LATE = "jump, truth [N m]", "time error [s]"
+TRUE_JUMP, LATE = "true_jump", "time_error"
 ABOUT = ["scene", "variant", "engine", "fidelity", "truth", "parameter", "step", "status", "reason", "key"]
 WINDOWS = "event-windows"
 """Name of the table of the driving torque around some events."""
@@ -100,13 +100,13 @@ def windows_table(records: Sequence[Record], truths: Mapping[str, Truth], effort
             t = event.time + np.linspace(-half, half, 2 * round(HALF_WINDOW / TRUTH_STEP) + 1)
             t = t[(t >= 0) & (t <= truth.t_end)]
             about = {"scene": records[0].scene, "truth": name, "event": number, "kind": event.kind,
-                     "event time [s]": event.time}
+                     "event_time": event.time}
             rows.append(_window(t, truth(t)[effort], truth.events, event.time, half, effort).assign(
                 variant=TRUTH, key=None, **about))
             rows += [_window(run.t, run[effort], run.events, event.time, half, effort).assign(
                 variant=record.variant.label, key=record.key, **about) for record in chosen
                 if (run := record.trajectory) is not None and truths[record.key].scene == name and effort in run]
-    order = ["scene", "variant", "key", "truth", "event", "kind", "event time [s]", "t [s]", "effort [N m]"]
+    order = ["scene", "variant", "key", "truth", "event", "kind", "event_time", "t", "effort_value"]
     return pd.concat(rows, ignore_index=True)[order] if rows else pd.DataFrame()
 
 
@@ -124,10 +124,10 @@ def _window(t: np.ndarray, values: np.ndarray, events: Iterable[Event], centre: 
     """Samples within `half` of an instant; at events both sides in place of a sample."""
     sides = [(event.time, side[effort]) for event in events for side in (event.before, event.after) if effort in side]
     between = ~np.isin(t, [time for time, _ in sides])
-    frame = pd.DataFrame({"t [s]": [*t[between], *(time for time, _ in sides)],
-                          "effort [N m]": [*values[between], *(value for _, value in sides)]})
-    inside = frame[(frame["t [s]"] - centre).abs() <= half * (1 + 1e-9)]
-    return inside.sort_values("t [s]", kind="stable", ignore_index=True)
+    frame = pd.DataFrame({"t": [*t[between], *(time for time, _ in sides)],
+                          "effort_value": [*values[between], *(value for _, value in sides)]})
+    inside = frame[(frame["t"] - centre).abs() <= half * (1 + 1e-9)]
+    return inside.sort_values("t", kind="stable", ignore_index=True)
 
 
 def summed_up(jumps: pd.DataFrame, *by: str) -> pd.DataFrame:
@@ -235,7 +235,7 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, found: pd.DataFrame) ->
     for group, there in groups(table):
         for variant in (name for name in there["variant"].unique() if name in methods_found.index):
             method = methods_found.loc[variant]
-            rows.append(({"group": group, "method": variant, "run": setting_of(method["parameter"], method["step"]),
+            rows.append(({"group": group.label, "method": variant, "run": setting_of(method["parameter"], method["step"]),
                           **method[["read", "jumps", BOUND, "bound"]], **texts.loc[variant].rename(case_of)},
                          equal[(equal["variant"] == variant) & equal[BOUND].notna()]))
     columns = (Column("method"), Column("run", brief=False), Column("read", form=".0f"),
@@ -262,9 +262,9 @@ def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
 def _events_figure(windows: pd.DataFrame, table: pd.DataFrame, chosen: Sequence[str]) -> Chart:
     """A row of panels per group of methods, a column per event."""
     events, panels = shown_events(windows), list[Panel]()
-    for name, rows in groups(table) if events else ():
+    for group, rows in groups(table) if events else ():
         variants = [variant for variant in dict.fromkeys(rows["variant"]) if variant in chosen]
-        label = f"{name}\ndriving torque [N m]"
+        label = f"{group.label}\ndriving torque [N m]"
         around = [windows[(windows["scene"] == scene) & (windows["event"] == event)] for scene, event in events]
         found = [event_panel(window, variants, "" if number else label) for number, window in enumerate(around)]
         panels += found if any(len(panel.series) > 1 for panel in found) else []
@@ -279,7 +279,7 @@ def shown_events(windows: pd.DataFrame) -> list[tuple[str, int]]:
     if windows.empty:
         return []
     truth, first_scene = windows[windows["variant"] == TRUTH], windows["scene"].iloc[0]
-    sizes = truth.groupby(["scene", "event"], sort=False)["effort [N m]"].agg(np.ptp)
+    sizes = truth.groupby(["scene", "event"], sort=False)["effort_value"].agg(np.ptp)
     first = [event for event in sizes.index if event[0] == first_scene]
     others = [part.idxmax() for scene, part in sizes.groupby(level="scene", sort=False) if scene != first_scene]
     return [*first, *sorted(others, key=lambda event: -sizes[event])][:MOST_EVENTS]
@@ -288,15 +288,15 @@ def shown_events(windows: pd.DataFrame) -> list[tuple[str, int]]:
 def event_panel(window: pd.DataFrame, variants: Sequence[str], label: str) -> Panel:
     """The truth of the methods' physics and a line per method, over the time from the true event in ms."""
     def series(rows: pd.DataFrame, label: str, points: bool) -> Series:
-        t = 1e3 * (rows["t [s]"] - rows["event time [s]"])
-        return Series(label, t.to_numpy(float), rows["effort [N m]"].to_numpy(float), look=label, points=points)
+        t = 1e3 * (rows["t"] - rows["event_time"])
+        return Series(label, t.to_numpy(float), rows["effort_value"].to_numpy(float), look=label, points=points)
 
     runs = window[window["variant"].isin(variants)]
     true = window[(window["variant"] == TRUTH) & window["truth"].isin(set(runs["truth"]))]
     lines = [series(part, variant, True) for variant, part in runs.groupby("variant", sort=False)]
     if true.empty:
         return Panel("", Axis(), Axis(), ())
-    low, high = true["effort [N m]"].min(), true["effort [N m]"].max()
+    low, high = true["effort_value"].min(), true["effort_value"].max()
     limits = (low - BEYOND * (high - low), high + BEYOND * (high - low))
     title = f"{title_of(window['scene'].iloc[0])}, {window['kind'].iloc[0]}"
     lines.append(series(true, TRUTH, False))

@@ -25,14 +25,14 @@ from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_c
 from stiction.engines.isolation import Outcome, simulation
 from stiction.scenes import Scene
 
-POSITION, ORDER = "position error [m]", "order, position [-]"
+POSITION, ORDER = "position_error", "position_order"
 FLOOR = 100.0
 """Multiple of the truth's uncertainty below which errors are not differences of the method any more."""
-TOTAL, TOTAL_LOW, TOTAL_HIGH = "cpu [s]", "cpu [s], low", "cpu [s], high"
+TOTAL, TOTAL_LOW, TOTAL_HIGH = "cpu_time", "cpu_time_low", "cpu_time_high"
 """Median of the time of a whole run, the adapter included, and the ends of its interval."""
-LOW, HIGH = f"{OWN_CPU}, low", f"{OWN_CPU}, high"
+LOW, HIGH = "engine_time_low", "engine_time_high"
 """Ends of the interval of `OWN_CPU`, by which engines are ranked; the reference is counted whole."""
-LEVEL, TIMING = "level of the interval [-]", "timing"
+LEVEL, TIMING = "interval_level", "timing"
 """Probability of the interval, and what makes the time unsure, in words."""
 
 
@@ -116,10 +116,10 @@ def cost_of(timing: Timing | None) -> dict[str, Any]:
     if timing is None:
         return {}
     cost, total, own = timing.trajectory.cost, timing.interval("stepping_s"), timing.interval("own_s")
-    return {"set-up [s]": cost.setup_s, "compile [s]": cost.compile_s, "stepping [s]": cost.stepping_s,
+    return {"setup_time": cost.setup_s, "compile_time": cost.compile_s, "stepping_time": cost.stepping_s,
             TOTAL_LOW: total.low, TOTAL_HIGH: total.high, LOW: own.low, HIGH: own.high, LEVEL: own.level,
             "repeats": own.samples, TIMING: timing.note,
-            **{f"{name} [-]": count for name, count in cost.counters.items()}}
+            **{f"counter:{name}": count for name, count in cost.counters.items()}}
 
 
 def _with_orders(table: pd.DataFrame) -> pd.DataFrame:
@@ -128,7 +128,7 @@ def _with_orders(table: pd.DataFrame) -> pd.DataFrame:
     if POSITION not in table:
         return table
     for _, series in table[succeeded(table) & (table["parameter"] == "dt")].groupby("variant", sort=False):
-        step, error, unsure = (series[name].to_numpy(float) for name in ("step", POSITION, "position uncertainty [m]"))
+        step, error, unsure = (series[name].to_numpy(float) for name in ("step", POSITION, "position_uncertainty"))
         fine = 1 + np.flatnonzero((error[1:] > FLOOR * unsure[1:]) & (error[:-1] > 0))
         ratio = np.log(error[fine - 1] / error[fine])
         table.loc[series.index[fine], ORDER] = ratio / np.log(step[fine - 1] / step[fine])

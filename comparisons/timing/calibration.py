@@ -17,7 +17,7 @@ from typing import Any
 from stiction.comparisons.timing.calibration_kernel import calibration_kernel
 from stiction.comparisons.timing.visits import block, in_rounds, seconds_of
 
-TIME = "least cpu per kernel [-]"
+TIME = "relative_time"
 """Name of the quantity: CPU time of one simulation over that of one call of the kernel.
 
 Another kernel, or another way to make the number, needs another name, because times before and after do not compare."""

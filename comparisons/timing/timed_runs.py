@@ -16,7 +16,7 @@ from stiction.comparisons.variants import OWN_CPU
 from stiction.engines.isolation import Isolate, Outcome, Task, is_simulation
 from stiction.scenes import Trajectory, vary
 
-KERNEL, OTHERS = "calibration kernel [s]", "others [cores]"
+KERNEL, OTHERS = "kernel_time", "other_load"
 """Columns of `samples_table`."""
 
 
@@ -116,7 +116,7 @@ def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:
     [s]`` and `OWN_CPU` as in the tables of runs; ``calibration kernel [s]``; ``others [cores]``: kept busy by other
     work.
     """
-    columns = {"runs": "runs", "setup_s": "set-up [s]", "stepping_s": "cpu [s]", "own_s": OWN_CPU, "kernel_s": KERNEL,
+    columns = {"runs": "runs", "setup_s": "setup_time", "stepping_s": "cpu_time", "own_s": OWN_CPU, "kernel_s": KERNEL,
                "others": OTHERS}
     rows = [(key, number, *(getattr(sample, name) for name in columns))
             for key, timing in timings.items() if timing is not None

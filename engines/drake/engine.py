@@ -26,7 +26,7 @@ import numpy as np
 from stiction.engines.drake.contact import Boxes, Material, corner_inertias
 from stiction.engines.drake.continuous import METHOD, run_continuous
 from stiction.engines.drake.plant import Plant, start_mass
-from stiction.engines.protocol import accepted, installed_version
+from stiction.engines.protocol import Supplier, accepted, installed_version
 from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import Defaults
@@ -76,6 +76,11 @@ class DrakeEngine(TreeEngine):
     def version(self) -> str:
         import_module("pydrake.multibody.plant")  # ImportError where it cannot be imported
         return accepted("drake", installed_version("drake"))
+
+    def friction_supplier(self, fidelity: str, settings: Mapping[str, Any]) -> Supplier:
+        if fidelity == "contact" and settings.get("method") == METHOD:
+            return Supplier.ENGINE
+        return super().friction_supplier(fidelity, settings)
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         if reason := super().refusal(scene, fidelity):

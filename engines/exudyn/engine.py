@@ -22,8 +22,8 @@ from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.script import exudyn_script
 from stiction.engines.exudyn.solver import INTEGRATORS
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, Sample, Stepper
-from stiction.engines.protocol import (FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Unsettled,
-                                       accepted)
+from stiction.engines.protocol import (FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Supplier,
+                                       Unsettled, accepted)
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import DEFAULT_SHARE, Defaults, settings_of, step_of
 from stiction.engines.shared.inconsistent_start import refuse_off
@@ -75,7 +75,8 @@ class ExudynEngine(Engine):
         friction_law={"joint": "Coulomb with located switches, bound mu (|n1| + |n2|) from the joint's multipliers "
                                "(adapter, as Exudyn's loads); stick: Exudyn's constraint",
                       "contact": "Coulomb regularized below friction_zone, penalty contacts (engine)"},
-        reactions="engine", order="2", event_location="adapter")
+        reactions="engine", order="2", event_location=Supplier.ADAPTER,
+        friction_by={"joint": Supplier.ADAPTER, "contact": Supplier.ENGINE})
 
     @property
     def version(self) -> str:
@@ -93,6 +94,11 @@ class ExudynEngine(Engine):
                         **_: Any) -> dict[str, Any]:
         own = given.get("method") == BRISTLES and fidelity == "joint"
         return settings_of(given, _SETTINGS[BRISTLES if own else fidelity], self.name, fidelity)
+
+    def friction_supplier(self, fidelity: str, settings: Mapping[str, Any]) -> Supplier:
+        if fidelity == "joint" and settings.get("method") == BRISTLES:
+            return Supplier.BOTH  # the law is Exudyn's, its bound is set by the adapter each step
+        return super().friction_supplier(fidelity, settings)
 
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return settings.get("method") == LOCATED

@@ -13,8 +13,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from stiction.engines.protocol import (FIDELITIES, BadTrajectory, Capabilities, Engine, EngineFailure, check_settings,
-                                       check_steps)
+from stiction.engines.protocol import (FIDELITIES, BadTrajectory, Capabilities, Engine, EngineFailure, Supplier,
+                                       check_settings, check_steps)
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.friction_bound import CAPPED, CONTACT
 from stiction.engines.shared.inconsistent_start import refuse_off
@@ -163,7 +163,7 @@ class SteppedEngine(Engine):
 
     capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
                                 friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance",
-                                order="1")
+                                order="1", friction_by={"joint": Supplier.ADAPTER, "contact": Supplier.BOTH})
     defaults: ClassVar[Mapping[str, Defaults]]
     reach: ClassVar[Mapping[str, float]] = {"joint": math.inf, "contact": math.inf}
 

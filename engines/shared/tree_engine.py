@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Any, ClassVar
 
-from stiction.engines.protocol import Refused
+from stiction.engines.protocol import Refused, Supplier
 from stiction.engines.shared.acceleration_integrator import (DEFAULT_TOLERANCE, METHOD, Dynamics, TreeAccelerations,
                                                              integrate)
 from stiction.engines.shared.contact_geometry import contact_refusal
@@ -35,7 +35,7 @@ class TreeEngine(SteppedEngine):
         The engine's name in sentences.
     """
 
-    capabilities = replace(SteppedEngine.capabilities, event_location="adapter")
+    capabilities = replace(SteppedEngine.capabilities, event_location=Supplier.ADAPTER)
     called: ClassVar[str]
 
     def check_arguments(self, *, settings: Mapping[str, Any], **asked: Any) -> None:

@@ -8,6 +8,7 @@ import matplotlib
 import pandas as pd
 from matplotlib import patheffects
 
+from stiction.comparisons.quantities import Quantity, quantity_of
 from stiction.comparisons.studies.stick_threshold import AMPLITUDE
 from stiction.comparisons.studies.sweep import THRESHOLD_COLUMN, Sweep
 from stiction.reports.figures.style import COLORS, Drawing, panels
@@ -24,12 +25,12 @@ UNITS = {AMPLITUDE: "N", "amplitude": "N", "frequency": "rad/s", "phase": "rad",
 def sweep_drawings(sweep: Sweep) -> Iterator[Drawing]:
     """A drawing per measure of a sweep over one axis or two; none for other sweeps. Draw under `style.rc()`."""
     scene = sweep.specification.scene
-    measured = [(sweep.map, measure.column, f"{measure.name} of {subject}" if (subject := measure.subject(scene)) else
+    measured = [(sweep.map, measure.quantity, f"{measure.name} of {subject}" if (subject := measure.subject(scene)) else
                  measure.name) for measure in sweep.specification.run_measures]
-    for table, column, name in (*measured, (sweep.threshold, THRESHOLD_COLUMN, "stick threshold")):
+    for table, quantity, name in (*measured, (sweep.threshold, quantity_of(THRESHOLD_COLUMN), "stick threshold")):
         axes = [] if table is None else [axis.key for axis in sweep.specification.axes if axis.key in table]
         if len(axes) in (1, 2):
-            yield (_curve if len(axes) == 1 else _map)(sweep, table, axes, column, name)
+            yield (_curve if len(axes) == 1 else _map)(sweep, table, axes, quantity, name)
 
 
 def _caption(sweep: Sweep, table: pd.DataFrame, name: str, runs: str) -> str:
@@ -44,43 +45,43 @@ def _caption(sweep: Sweep, table: pd.DataFrame, name: str, runs: str) -> str:
     return caption + (f"; points without a number: {', '.join(missing)}" if missing else "")
 
 
-def _curve(sweep: Sweep, table: pd.DataFrame, axes: Sequence[str], column: str, name: str) -> Drawing:
+def _curve(sweep: Sweep, table: pd.DataFrame, axes: Sequence[str], quantity: Quantity, name: str) -> Drawing:
     [key] = axes
     points = table.sort_values(key)
     figure, [[ax]] = panels(1, 1, 2.8)
-    ax.plot(points[key], points[column], "o-", color=COLORS[0], markersize=3, linewidth=1.0)
-    ax.set(xlabel=_label(sweep.specification.scene, key), ylabel=column)
-    return Drawing(f"curve-{_file_name(column)}", _caption(sweep, table, name, str(len(points))) + ".", figure)
+    ax.plot(points[key], points[quantity.key], "o-", color=COLORS[0], markersize=3, linewidth=1.0)
+    ax.set(xlabel=_label(sweep.specification.scene, key), ylabel=quantity.head)
+    return Drawing(f"curve-{_file_name(quantity)}", _caption(sweep, table, name, str(len(points))) + ".", figure)
 
 
-def _map(sweep: Sweep, table: pd.DataFrame, axes: Sequence[str], column: str, name: str) -> Drawing:
+def _map(sweep: Sweep, table: pd.DataFrame, axes: Sequence[str], quantity: Quantity, name: str) -> Drawing:
     across, up = axes
-    grid = table.pivot(index=up, columns=across, values=column)
+    grid = table.pivot(index=up, columns=across, values=quantity.key)
     figure, [[ax]] = panels(1, 1, 4.2)
     ax.set_facecolor(MISSING)
     mesh = ax.pcolormesh(grid.columns, grid.index, grid.to_numpy(), shading="nearest", rasterized=True,
                          cmap=matplotlib.colormaps[SCALE])
     ax.tick_params(color="#888888")
-    figure.colorbar(mesh, ax=ax, label=column, pad=0.02)
+    figure.colorbar(mesh, ax=ax, label=quantity.head, pad=0.02)
     caption = _caption(sweep, table, name, f"{len(grid.columns)} x {len(grid.index)}")
     if grid.isna().to_numpy().any():
         caption += ", white"
     if AMPLITUDE in (across, up) and sweep.threshold is not None:
         other = up if across == AMPLITUDE else across
         curve = sweep.threshold.sort_values(other)
-        x, y = ("threshold [N]", other) if across == AMPLITUDE else (other, "threshold [N]")
+        x, y = ("threshold", other) if across == AMPLITUDE else (other, "threshold")
         ax.plot(curve[x], curve[y], color=COLORS[1], linewidth=1.4, label="stick threshold",
                 path_effects=[patheffects.withStroke(linewidth=2.8, foreground="white")])
         figure.legend(loc="outside upper right")
         caption += (f"; line: upper end of the band of {AMPLITUDE}, next to the scene's own, with a stick phase, where "
                     "the range shown contains it")
     ax.set(xlabel=_label(sweep.specification.scene, across), ylabel=_label(sweep.specification.scene, up))
-    return Drawing(f"map-{_file_name(column)}", caption + ".", figure)
+    return Drawing(f"map-{_file_name(quantity)}", caption + ".", figure)
 
 
-def _file_name(column: str) -> str:
-    """A measure in the name of a file: its column without the unit, and with hyphens for spaces."""
-    return column.partition(" [")[0].replace(" ", "-")
+def _file_name(quantity: Quantity) -> str:
+    """A measure in the name of a file: ``peak-speed-of-block``."""
+    return quantity.label.replace(" ", "-")
 
 
 def _label(scene: Scene, key: str) -> str:

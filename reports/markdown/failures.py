@@ -9,7 +9,7 @@ from stiction.comparisons.methods import MISSING_ENGINE, succeeded
 from stiction.comparisons.results import Results
 from stiction.reports.run_folder.data import tables_of
 
-ROWS_OF = {"choice": "variant", "method": "variant", "claim": "variant", "mean step [s]": "step"}
+ROWS_OF = {"choice": "variant", "method": "variant", "claim": "variant", "mean_step": "step"}
 """Columns of tables whose rows are no variants: what they are called here."""
 CHOICES = {"variant": {"none": "no stabilization"}}
 """Choices in words."""

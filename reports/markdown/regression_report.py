@@ -18,6 +18,7 @@ from stiction.comparisons.campaigns.regression import (BETTER, COULD_NOT_RUN, FI
                                                        REGRESSION, Finding)
 from stiction.comparisons.methods import MISSING_ENGINE
 from stiction.comparisons.presentation.cells import cell
+from stiction.comparisons.quantities import quantity_of
 from stiction.reports.markdown.failures import grouped
 from stiction.reports.markdown.tables import markdown
 
@@ -50,7 +51,8 @@ def _worst(findings: Sequence[Finding]) -> str:
         return "none"
     now = _value(worst, worst.now)
     change = now if worst.before is None else f"{_value(worst, worst.before)} -> {now}"
-    return f"{worst.severity}, {worst.metric or worst.kind} of {worst.key}: {change}; {worst.reason}"
+    what = quantity_of(worst.metric).head if worst.metric else worst.kind
+    return f"{worst.severity}, {what} of {worst.key}: {change}; {worst.reason}"
 
 
 def _not_run(rows: Sequence[Row]) -> str:
@@ -115,7 +117,7 @@ def changes(findings: Sequence[Finding]) -> str:
             about = (finding.reason if finding.now == MISSING_ENGINE
                      else finding.key.partition("/")[2].rpartition("/")[0])
             groups.setdefault((finding.severity, finding.kind, finding.metric, about), []).append(finding)
-    rows = [{"": worst.severity, "what": worst.metric or worst.kind, "worst run": worst.key,
+    rows = [{"": worst.severity, "what": quantity_of(worst.metric).head if worst.metric else worst.kind, "worst run": worst.key,
              "baseline": _value(worst, worst.before), "now": _value(worst, worst.now), "why": worst.reason,
              "runs": 1 + len(others)}
             for worst, *others in list(groups.values())[:SHOWN]]
@@ -139,7 +141,7 @@ def summary(result: Result, exit_code: int) -> dict[str, Any]:
             "runs": dict(Counter(row.status for row in result.rows)), "compared": result.compared,
             "held to the first night": dict(result.first_nights), "resumed": result.resumed,
             "lines": summary_lines(result), "night before": result.night_before, "changed": list(result.changed),
-            "wall [s]": round(result.wall_s, 1), "random": result.random, "findings": findings,
+            "wall_time": round(result.wall_s, 1), "random": result.random, "findings": findings,
             "lost": [{"key": row.key, "status": row.status, "reason": row.reason} for row in _failed(result)],
             "origin": dict(result.origin)}
 
@@ -171,4 +173,4 @@ def _tiers(row: Row) -> str:
 
 
 def _value(finding: Finding, value: float | str | None) -> str:
-    return cell(finding.metric if finding.kind in ("accuracy", "drift") else "", value)
+    return cell(quantity_of(finding.metric), value)

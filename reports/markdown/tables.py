@@ -9,6 +9,7 @@ from itertools import product
 import pandas as pd
 
 from stiction.comparisons.presentation.cells import cell, is_numeric, with_uncertainty
+from stiction.comparisons.quantities import quantity_of
 
 ROWS, WIDTH = 10, 100
 """Rows of a table that is made to fit, and characters of its lines, at most."""
@@ -23,8 +24,10 @@ def markdown(table: pd.DataFrame) -> str:
     if table.empty:
         return "(no rows)"
     table = with_uncertainty(table)
-    rows = [[cell(name, value) for name, value in zip(table, row)] for row in table.itertuples(index=False, name=None)]
-    return aligned([str(name) for name in table], rows, [is_numeric(table[name]) for name in table])
+    quantities = [quantity_of(str(name)) for name in table]
+    rows = [[cell(quantity, value) for quantity, value in zip(quantities, row)]
+            for row in table.itertuples(index=False, name=None)]
+    return aligned([quantity.head for quantity in quantities], rows, [is_numeric(table[name]) for name in table])
 
 
 def aligned(heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[bool], padded: int = PADDED) -> str:

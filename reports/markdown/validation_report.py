@@ -91,15 +91,15 @@ def compose(report: Report, failed: pd.DataFrame, origin: Mapping[str, Any], dra
 
 def _truths(accuracy: pd.DataFrame) -> list[str]:
     """The truths that runs were compared with, the best tier first, and how well they are known."""
-    columns = {"position uncertainty [m]": "position [m]", "velocity uncertainty [m/s]": "velocity [m/s]",
-               "event time uncertainty [s]": "events [s]"}
+    columns = {"position_uncertainty": "position [m]", "velocity_uncertainty": "velocity [m/s]",
+               "event_time_uncertainty": "events [s]"}
     if not (there := [name for name in columns if name in accuracy]):
         return []
-    compared = accuracy[accuracy["truth tier"] != NO_TRUTH]
-    found = compared.groupby(["truth", "truth tier"], sort=False)[there].max().reset_index()
-    found = found.sort_values("truth tier", key=lambda tiers: tiers.map(BEST_FIRST.index), kind="stable")
+    compared = accuracy[accuracy["truth_tier"] != NO_TRUTH]
+    found = compared.groupby(["truth", "truth_tier"], sort=False)[there].max().reset_index()
+    found = found.sort_values("truth_tier", key=lambda tiers: tiers.map(BEST_FIRST.index), kind="stable")
     found[there] = found[there].map(lambda value: MISSING if pd.isna(value) else f"± {rounded_up(value)}")
-    return [fitted(found.rename(columns={**columns, "truth tier": "tier"}))]
+    return [fitted(found.rename(columns={**columns, "truth_tier": "tier"}))]
 
 
 def _provenance(origin: Mapping[str, Any]) -> str:

@@ -40,7 +40,7 @@ def methods(run: StoredRun, results: Results) -> list[str]:
 def _integration(own: pd.DataFrame) -> Iterator[str]:
     if own.empty:
         return
-    trial = own["other settings"].str.contains("solver = trial")
+    trial = own["other_settings"].str.contains("solver = trial")
     texts = ((own[(own["method"] == "event") & ~trial],
               "event-driven, with contact modes frozen between located events, by the explicit Runge-Kutta method "
               "DOP853 of order 8(5,3) of Hairer, Nørsett and Wanner [@hairer1993] with relative tolerances"),
@@ -66,8 +66,8 @@ def _cited(name: str, version: str) -> str:
 
 
 def _truth(tables: Mapping[str, pd.DataFrame]) -> Iterator[str]:
-    tiers = dict.fromkeys(tier for name in ("accuracy", "threshold") if "truth tier" in tables.get(name, ())
-                          for tier in tables[name]["truth tier"].dropna())
+    tiers = dict.fromkeys(tier for name in ("accuracy", "threshold") if "truth_tier" in tables.get(name, ())
+                          for tier in tables[name]["truth_tier"].dropna())
     if not tiers:
         return
     yield (f"Errors are measured against truths of the tier \"{', '.join(tiers)}\": the mechanism in its own minimal "

@@ -37,7 +37,7 @@ SAMPLE_STEP = 1e-2
 
 def tables_of(results: Results) -> dict[str, pd.DataFrame]:
     """Return the tables of a run, and ``runs`` (all), ``variants``, ``parameters`` (of scenes), ``truths``."""
-    runs = [{**record.describe(), "wall [s]": record.outcome.wall_s} for record in results.records]
+    runs = [{**record.describe(), "wall_time": record.outcome.wall_s} for record in results.records]
     scenes = [name for name in dict.fromkeys(record.scene for record in results.records) if name in catalogue()]
     parameters = [{"scene": name, **load_scene(name).parameters} for name in scenes]
     truths = [(name, truth.tier, column, unsure) for name, truth in results.truths.items()
@@ -59,7 +59,7 @@ def _variants(results: Results) -> pd.DataFrame:
             "variant": variant.label, "engine": label_of(variant.engine),
             "version": trajectory.version if trajectory else None, "fidelity": variant.fidelity,
             "ladder": f"{variant.parameter} = {words(variant.ladder)}", "method": words(stated.get("method")),
-            **{key.replace("_", " "): words(stated.get(key)) for key in named}, "other settings": words(others)})
+            **{key: words(stated.get(key)) for key in named}, "other_settings": words(others)})
     return pd.DataFrame(rows)
 
 

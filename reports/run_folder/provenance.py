@@ -21,7 +21,7 @@ CHOICES = {
 
 def provenance(results: Results) -> dict[str, Any]:
     """Return all of it, ready for JSON; versions of engines as their trajectories state them."""
-    campaign = {"runs": len(results.records), "wall [s]": results.wall_s, "cpu [s]": results.cpu_s}
+    campaign = {"runs": len(results.records), "wall_time": results.wall_s, "cpu_time": results.cpu_s}
     engines = {record.variant.engine: "unknown: none of its runs ended" for record in results.records
                if record.outcome.status != "missing"}
     engines |= {record.variant.engine: record.trajectory.version for record in results.records if record.trajectory}

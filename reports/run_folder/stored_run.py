@@ -49,17 +49,17 @@ class StoredRun:
         tables = {name: table.drop(columns=TRAJECTORY, errors="ignore") for name, table in self.tables.items()
                   if name not in ABOUT_RUNS}
         return Results(tuple(records), {name: self._truth(name, found.get(TRUTH + name, ())) for name in truths},
-                       tables, campaign, campaign["wall [s]"], campaign["cpu [s]"])
+                       tables, campaign, campaign["wall_time"], campaign["cpu_time"])
 
     def _record(self, row: Mapping[str, Any], steps: tuple[float, ...], events: tuple[Event, ...]) -> Record:
         variant = Variant(row["variant"], row["engine"], row["parameter"], steps, row["fidelity"])
         reason, trajectory = row["reason"], None
         if isinstance(row[TRAJECTORY], str):
             t, columns = _samples(pd.read_parquet(self.folder / row[TRAJECTORY]), events)
-            cost = Cost(stepping_s=row["cpu [s]"], engine_s=row[OWN_CPU])
+            cost = Cost(stepping_s=row["cpu_time"], engine_s=row[OWN_CPU])
             trajectory = Trajectory(row["scene"], row["engine"], row["version"], row["fidelity"], t, columns, events,
                                     json.loads(row["settings"]), cost, reason or "end")
-        outcome = Outcome(row["key"], row["status"], trajectory, "" if trajectory else reason, wall_s=row["wall [s]"])
+        outcome = Outcome(row["key"], row["status"], trajectory, "" if trajectory else reason, wall_s=row["wall_time"])
         return Record(row["key"], row["scene"], variant, row["step"], outcome)
 
     def _truth(self, name: str, events: tuple[Event, ...]) -> Truth:

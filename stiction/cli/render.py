@@ -165,9 +165,11 @@ def _longest_word(texts: Iterable[str]) -> int:
 def show_table(table: pd.DataFrame) -> None:
     """Print all of a table, numbers rounded by what their column is."""
     from stiction.comparisons.presentation.cells import MISSING, cell
+    from stiction.comparisons.quantities import quantity_of
 
-    rows = [[cell(name, value) for name, value in row.items()] for row in table.to_dict("records")]
-    show(list(table), rows)
+    quantities = {name: quantity_of(str(name)) for name in table}
+    rows = [[cell(quantities[name], value) for name, value in row.items()] for row in table.to_dict("records")]
+    show([quantity.head for quantity in quantities.values()], rows)
     if any(MISSING in row for row in rows):
         print(f"{MISSING}: no value")
 
@@ -176,7 +178,7 @@ def show_truths(table: pd.DataFrame) -> None:
     """Print what errors are measured against, where that is not independent of us or has a note."""
     from stiction.comparisons.measures.scene_truth import OWN_RTOL, OWN_RUN
 
-    for (tier, note), _ in table.groupby(["truth tier", "truth note"]) if "truth note" in table else ():
+    for (tier, note), _ in table.groupby(["truth_tier", "truth_note"]) if "truth_note" in table else ():
         own = f"errors are against our own run at rtol {OWN_RTOL:g} (not independent)" if tier == OWN_RUN else ""
         if words := "; ".join(filter(None, (own, note))):
             print(f"truth, {tier}: {words}")

@@ -17,7 +17,7 @@ from stiction.reports.page import write_history_page
 from stiction.reports.page.history_page import _short_names
 
 NIGHTS = ("2026-03-01T02:17:00.000Z", "2026-03-01T14:17:00.000Z", "2026-03-02T02:17:00.000Z")
-ERROR, DRIFT = "position error [m]", "position drift [m]"
+ERROR, DRIFT = "position_error", "position drift [m]"
 WORST = Finding(REGRESSION, "drift", "block/pymunk/dt=0.01", DRIFT, 1e-6, 5e-6, 5.0, "5 times the baseline's")
 
 

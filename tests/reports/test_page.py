@@ -49,7 +49,7 @@ def history_file(tmp_path_factory):
             opened.begin("nightly", "digest", {"conditions": "processor", "commit": f"abc{number}"})
             for scene in CASES:
                 for variant, lost in (("reference", False), ("other", number == 1)):
-                    metrics = () if lost else (Metric("position error [m]", "accuracy", 1e-3 * (number + 1), 1e-9, "closed form"),
+                    metrics = () if lost else (Metric("position_error", "accuracy", 1e-3 * (number + 1), 1e-9, "closed form"),
                                                Metric("time of the run [s]", "time", 0.5, 0.01), Metric("pivots [-]", "counter", 133.0))
                     opened.append(night, Row(f"{scene}/{variant}/dt=0.01", f"{variant}; scene {scene}", scene, variant, variant, "1", "joint", "dt", 0.01,
                                              "crashed" if lost else "ok", "<script>alert('SIGSEGV')</script>" if lost else "", {}, metrics))
@@ -258,7 +258,7 @@ def test_a_film_plays_in_a_browser(validation, tmp_path, open_page):
 def test_history_draws_each_metric_s_course(history_page, open_page):
     page = open_page(history_page)
     metric, scene = page.locator(".controls select").all()
-    assert metric.locator("option").all_inner_texts() == ["position error [m]", "time of the run [s]", "pivots [-]"]
+    assert metric.locator("option").all_inner_texts() == ["position_error", "time of the run [s]", "pivots [-]"]
     assert scene.locator("option").all_inner_texts() == list(CASES)
 
     def lines() -> dict[str, list]:

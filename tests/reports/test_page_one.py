@@ -32,7 +32,7 @@ FIXED = ("Zhuang & Wang 2014", "1 mm takes", "nearest to 1 ms")
 def equal_error_table() -> pd.DataFrame:
     """Times to an error of 1 mm; those of the reference in two cases."""
     rows = [("reference", 1.234e-3, True), ("paper's scheme", 0.0567, False), ("other", 0.25, False), ("reference", 3.12e-3, True)]
-    return pd.DataFrame([{"variant": variant, "scene": f"slider-bar-case-{1 + (seconds == 3.12e-3)}", "quantity": "position", "error": 1e-3, "cpu [s]": seconds, "at most": bound,
+    return pd.DataFrame([{"variant": variant, "scene": f"slider-bar-case-{1 + (seconds == 3.12e-3)}", "quantity": "position", "error": 1e-3, "cpu_time": seconds, "is_bound": bound,
                           "timing": "timed once" if variant == "paper's scheme" else ""}
                          for variant, seconds, bound in rows])
 
@@ -105,7 +105,7 @@ def test_it_comes_out_whatever_is_missing(full, missing):
 
 def test_what_stands_beside_an_answer_is_no_line_of_the_terminal(full, report):
     study = next(study for study in report.said if study.on_page_one)
-    beside = traced("It holds with {}.", value("accuracy", full.table("accuracy"), 0, "position error [m]"))
+    beside = traced("It holds with {}.", value("accuracy", full.table("accuracy"), 0, "position_error"))
     said = replace(report, said={**report.said, study: replace(report.said[study], beside=beside)})
     page = " ".join(page_one(said, "", "Run.").split())
     assert f"{said.said[study].answer.text} {beside.text}" in page and beside.numbers[0] in numbers(said)
@@ -119,7 +119,7 @@ def test_times_are_those_of_all_cases_with_their_signs(report):
 
 def test_our_own_solver_of_contacts_is_no_existing_engine(full):
     made = [made_up(label, case, variant.ladder[-1]) for label, variant in VARIANTS.items() for case in CASES]
-    table = pd.DataFrame([{**about(one), "position error [m]": 1e-3, "position uncertainty [m]": 0.0} for one in made])
+    table = pd.DataFrame([{**about(one), "position_error": 1e-3, "position_uncertainty": 0.0} for one in made])
 
     def said(engine):
         table.loc[table["fidelity"] == "contact", "engine"] = engine

@@ -26,7 +26,7 @@ from stiction.comparisons.timing.calibration import TIME
 ROOT = Path(__file__).parents[3]
 FALL = Row("ball/falling/dt=0.1", "free, joint, dt = 0.1; scene 1", "ball", "falling", "free", "1.0", "joint", "dt",
            0.1, "ok", "", {"step": 0.1},
-           (Metric("position error [m]", "accuracy", 1e-3, 1e-9, "closed form"), Metric(TIME, "time", 2.5, 0.1)))
+           (Metric("position_error", "accuracy", 1e-3, 1e-9, "closed form"), Metric(TIME, "time", 2.5, 0.1)))
 LOST = Row("ball/lost/dt=0.1", "gone, joint, dt = 0.1; scene 1", "ball", "lost", "gone", None, "joint", "dt", 0.1,
            "crashed", "SIGSEGV")
 

@@ -28,14 +28,14 @@ from stiction.scenes import load_scene
 HERE, ELSEWHERE_MADE = "a processor; a library 1.0", "another processor; a library 1.0"
 ORIGIN = {"versions": {"python": "3.11"}, "machine": {"cpu": "a processor"}, "conditions": HERE, "commit": None}
 RUN = Row("s/v/dt=0.1", "e, joint, dt = 0.1; scene 1", "s", "v", "e", "1", "joint", "dt", 0.1, "ok", "", {}, (
-    Metric("position error [m]", "accuracy", 1e-6, 1e-9, CLOSED_FORM),
-    Metric("events missed", "event", 0.0, None, CLOSED_FORM),
-    Metric("events matched", "event", 7.0, None, CLOSED_FORM),
-    Metric("position drift, max [m]", "drift", 2e-12, 1e-13, CLOSED_FORM),
+    Metric("position_error", "accuracy", 1e-6, 1e-9, CLOSED_FORM),
+    Metric("events_missed", "event", 0.0, None, CLOSED_FORM),
+    Metric("events_matched", "event", 7.0, None, CLOSED_FORM),
+    Metric("position_drift", "drift", 2e-12, 1e-13, CLOSED_FORM),
     Metric("rhs", "counter", 100.0), Metric(TIME, "time", 10.0, 0.1)))
 TRUE = Row("s/truth", "truth; scene 1", "s", TRUTH, TRUTH, None, "", "", 0.0, "ok", "", None, (
-    Metric("mass.x at the end [m]", TRUTH, 0.25, 1e-12, CLOSED_FORM),
-    Metric("mass.y at the end [m]", TRUTH, 0.5, 1e-12, OWN_RUN)))
+    Metric("end:mass.x", TRUTH, 0.25, 1e-12, CLOSED_FORM),
+    Metric("end:mass.y", TRUTH, 0.5, 1e-12, OWN_RUN)))
 
 
 EMPTY = Baseline(format=FORMAT)
@@ -121,7 +121,7 @@ def test_the_verdict_is_the_worst():
 
 
 @pytest.mark.parametrize(("name", "value", "severity"), [
-    ("events missed", 1, REGRESSION), ("events matched", 6, REGRESSION), ("events matched", 8, BETTER),
+    ("events_missed", 1, REGRESSION), ("events_matched", 6, REGRESSION), ("events_matched", 8, BETTER),
     ("rhs", 101, REGRESSION), ("rhs", 99, BETTER)])
 def test_events_and_counters_are_compared_exactly(name, value, severity):
     [finding] = found(changed(RUN, **{name.replace(" ", "_"): value}))
@@ -140,7 +140,7 @@ def test_fixed_steps_go_the_way_they_went(other, told):
        st.floats(1e-16, 1.0))
 def test_errors_have_hard_bounds(parameter, tier, before, uncertainty, now):
     old = replace(RUN, parameter=parameter,
-                  metrics=(Metric("position error [m]", "accuracy", float(f"{before:.3g}"), float(f"{uncertainty:.3g}"),
+                  metrics=(Metric("position_error", "accuracy", float(f"{before:.3g}"), float(f"{uncertainty:.3g}"),
                                   tier),))
     old_error = old.metrics[0]
     new = replace(old, metrics=(replace(old_error, value=now),))
@@ -159,9 +159,9 @@ def test_bounds_hold_where_nothing_changes_but_rounding(name, t_end, rtol, stabi
     truth = ground_truth(scene)
     runs = [errors(engine.simulate(scene, rtol=rtol * (1 + 1e-6 * i), stabilization=stabilization), truth)
             for i in range(-3, 4)]
-    for error, uncertainty in (("position error [m]", "position uncertainty [m]"),
-                               ("velocity error [m/s]", "velocity uncertainty [m/s]"),
-                               ("event time error [s]", "event time uncertainty [s]")):
+    for error, uncertainty in (("position_error", "position_uncertainty"),
+                               ("velocity_error", "velocity_uncertainty"),
+                               ("event_time_error", "event_time_uncertainty")):
         before, now = min(run[error] for run in runs), max(run[error] for run in runs)
         assert now <= max(FACTOR["rtol"] * before, before + 2 * MARGIN[truth.tier] * runs[0][uncertainty])
 
@@ -169,7 +169,7 @@ def test_bounds_hold_where_nothing_changes_but_rounding(name, t_end, rtol, stabi
 def test_a_number_that_is_gone_is_a_regression_if_it_was_asked_for():
     less = replace(RUN, metrics=RUN.metrics[1:])
     [finding] = found(less)
-    assert (finding.severity, finding.metric, finding.now) == (REGRESSION, "position error [m]", None)
+    assert (finding.severity, finding.metric, finding.now) == (REGRESSION, "position_error", None)
     assert findings([less], baseline(RUN), ("event", "counter"), {}, HERE) == []
 
 
@@ -255,7 +255,7 @@ def test_a_run_that_rounding_ends_otherwise_is_not_judged():
 
 
 def test_a_quantity_that_one_truth_lacks_is_compared_within_a_tier_only():
-    less = replace(RUN, metrics=tuple(metric for metric in RUN.metrics if metric.name != "events missed"))
+    less = replace(RUN, metrics=tuple(metric for metric in RUN.metrics if metric.name != "events_missed"))
     assert severities(less) == [REGRESSION]
     other = replace(less, metrics=tuple(
         replace(metric, tier=PROVEN) if metric.kind in ("accuracy", "event") else metric for metric in less.metrics))
@@ -285,7 +285,7 @@ class TestRounding:
     def test_it_is_the_largest_difference(self):
         row = with_rounding(RUN, self.again(1.1e-6, 0.7e-6, 1.2e-6, 1.01e-6, 1.02e-6))
         moved = {metric.name: metric.rounding for metric in row.metrics}
-        assert moved["position error [m]"] == pytest.approx(3e-7) and moved["rhs"] == 0 and moved[TIME] is None
+        assert moved["position_error"] == pytest.approx(3e-7) and moved["rhs"] == 0 and moved[TIME] is None
         assert row.other_ends == ()
 
     def test_a_number_that_is_not_always_there_has_no_bound(self):
@@ -299,8 +299,8 @@ class TestRounding:
         again = [RUN] * (len(WAYS) - 1) + [changed(RUN, rhs=50, position_error=2e-6, events_matched=6)]
         row = with_rounding(RUN, again)
         assert {metric.name: metric.rounding
-                for metric in row.metrics if metric.name in ("rhs", "position error [m]", "events matched")} == {
-            "rhs": 0, "position error [m]": pytest.approx(1e-6 / FURTHER["accuracy"]), "events matched": 1}
+                for metric in row.metrics if metric.name in ("rhs", "position_error", "events_matched")} == {
+            "rhs": 0, "position_error": pytest.approx(1e-6 / FURTHER["accuracy"]), "events_matched": 1}
 
     def test_a_run_that_was_not_made_again_every_way_stays_unknown(self):
         assert with_rounding(RUN, self.again(1.1e-6, 0.7e-6)) == with_rounding(RUN, []) == RUN
@@ -380,7 +380,7 @@ class TestBaselineFile:
         assert load_baseline(str(tmp_path / "b.toml")) == first
         lines = (tmp_path / "b.toml").read_text().splitlines()
         assert 'counter."rhs" = { value = 100, tier = "our own run" }' in lines
-        assert 'truth."mass.x at the end [m]" = { value = 0.25, uncertainty = 1e-12, tier = "closed form" }' in lines
+        assert 'truth."end:mass.x" = { value = 0.25, uncertainty = 1e-12, tier = "closed form" }' in lines
 
     def test_one_of_another_format_is_refused_in_a_line(self, tmp_path):
         write_baseline(baseline(RUN, TRUE), tmp_path / "b.toml")
@@ -398,9 +398,9 @@ class TestBaselineFile:
         rows = [changed(RUN, position_error=5e-6, rhs=90), changed(TRUE, mass_x=0.25 + 1e-12, mass_y=0.7)]
         new = updated(baseline(RUN, TRUE), rows, "fewer stages", ORIGIN, [RUN.key, TRUE.key])
         assert new.runs[RUN.key].counter["rhs"].value == 90
-        assert new.runs[RUN.key].accuracy["position error [m]"].value == 5e-6
-        assert new.runs[TRUE.key].truth["mass.y at the end [m]"].value == 0.7
-        assert new.runs[TRUE.key].truth["mass.x at the end [m]"].value == 0.25  # a truth stays to the last digit
+        assert new.runs[RUN.key].accuracy["position_error"].value == 5e-6
+        assert new.runs[TRUE.key].truth["end:mass.y"].value == 0.7
+        assert new.runs[TRUE.key].truth["end:mass.x"].value == 0.25  # a truth stays to the last digit
         assert [update.reason for update in new.updates] == ["made up", "fewer stages"]
 
     @pytest.mark.parametrize("row", [
@@ -411,7 +411,7 @@ class TestBaselineFile:
     @pytest.mark.parametrize("tier", [CLOSED_FORM, HIGH_PRECISION])
     def test_update_refuses_to_touch_a_truth(self, row, tier):
         before = replace(TRUE, metrics=(replace(TRUE.metrics[0], tier=tier), TRUE.metrics[1]))
-        with pytest.raises(BaselineRefused, match=rf"s/truth: mass.x at the end \[m\]: 0.25.*{tier}"):
+        with pytest.raises(BaselineRefused, match=rf"s/truth: end:mass.x: 0.25.*{tier}"):
             updated(baseline(RUN, before), [changed(RUN, rhs=90), row], "it must be so", ORIGIN, [RUN.key, TRUE.key])
 
     def test_runs_that_were_not_made_are_kept_and_those_of_no_campaign_dropped(self):

@@ -49,7 +49,7 @@ def test_a_child_that_dies_in_a_run_is_a_row(tmp_path, monkeypatch, compiled, sh
     runs, measured = (pd.read_csv(f"report/data/{name}.csv").set_index("key") for name in ("runs", "accuracy"))
     [lost] = runs.index[runs["status"] != "ok"]
     assert list(runs.loc[lost, ["engine", "scene", "status"]]) == [engine, "slider-bar-case-2", "crashed"]
-    assert len(runs) == 2 * 3 and list(measured.index[measured["position error [m]"].isna()]) == [lost]
+    assert len(runs) == 2 * 3 and list(measured.index[measured["position_error"].isna()]) == [lost]
     [row] = [line for line in (tmp_path / "report" / "failures.md").read_text().splitlines() if "SIGKILL" in line]
     assert engine in row and "slider-bar-case-2" in row
 

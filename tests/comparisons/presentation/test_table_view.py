@@ -6,14 +6,14 @@ import pytest
 
 from stiction.comparisons.presentation import Column, sentence, traced, view
 
-RUNS = pd.DataFrame({"position error [m]": [1e-3, 1e-9], "position uncertainty [m]": [1e-4, 1e-8], "count [-]": [1, 2],
+RUNS = pd.DataFrame({"position_error": [1e-3, 1e-9], "position_uncertainty": [1e-4, 1e-8], "count [-]": [1, 2],
                      "sign": ["≤", ""], "part [s]": [0.5, np.nan]})
 
 
 @pytest.mark.parametrize(("column", "head", "cells"), [
-    (Column("position error [m]", "error"), "error [m]", ["0.0010 ± 0.0001", "< 1.1e-08"]),
-    (Column("position error [m]"), "position error [m]", ["0.001", "1e-09"]),  # every column as it is
-    (Column("position error [m]", "error", form=".1e"), "error [m]", ["1.0e-03", "1.0e-09"]),
+    (Column("position_error", "error"), "error [m]", ["0.0010 ± 0.0001", "< 1.1e-08"]),
+    (Column("position_error"), "position_error", ["0.001", "1e-09"]),  # every column as it is
+    (Column("position_error", "error", form=".1e"), "error [m]", ["1.0e-03", "1.0e-09"]),
     (Column("count [-]", "runs"), "runs", ["1", "2"]),
     (Column("count [-]", "runs", bound="sign", second="part [s]"), "runs", ["≤1 (0.5)", "2"]),
     (Column("part [s]", "time", "ms", scale=1e3, bound="sign", second="part [s]"), "time [ms]", ["≤500", "–"])])  # both are the same

@@ -29,7 +29,7 @@ def results(errors=ERRORS, lost=(), status="failed", reason="why"):
             for step, factor in zip(VARIANTS[label].ladder, (10.0, 1.0)):
                 is_lost = (label, case) in lost and factor == 1
                 one = record(label, case, step, *((status, reason) if is_lost else ()))
-                found = {} if is_lost else {"position error [m]": factor * size, "position uncertainty [m]": 1e-14}
+                found = {} if is_lost else {"position_error": factor * size, "position_uncertainty": 1e-14}
                 records.append(one)
                 rows.append({**about(one), **found})
     truths = {case: Truth(case, CLOSED_FORM, 0.01, true_columns, {}) for case in CASES}
@@ -77,7 +77,7 @@ def test_failing_in_the_worst_case_does_not_improve_a_method(status, reason):
 def test_where_every_run_failed_it_says_so():
     everything = {(label, case) for label in ERRORS for case in CASES}
     made = results(lost=everything)
-    no_errors = made.tables["accuracy"].drop(columns=["position error [m]", "position uncertainty [m]"])
+    no_errors = made.tables["accuracy"].drop(columns=["position_error", "position_uncertainty"])
     made = replace(made, tables={"accuracy": no_errors})
     said = present(made)
     assert said.answer and not said.answer.numbers and cells(said)["reference"] == "3 of 3 failed"
@@ -105,7 +105,7 @@ def test_events_are_counted_of_the_kinds_that_a_method_reports():
     made = results()
     table = made.tables["accuracy"]
     for label, (matched, reversals, corners) in {"reference": (5, 0, 0), "paper's scheme": (2, 0, 3), "pymunk": (1, 1, 3)}.items():
-        table.loc[table["variant"] == label, ["events matched", "events missed", "events spurious", "reversal events missed", "corner events missed"]] = [
+        table.loc[table["variant"] == label, ["events_matched", "events_missed", "events_spurious", "reversal_events_missed", "corner_events_missed"]] = [
             matched, reversals + corners, 0, reversals, corners]
     events = tuple(Event(0.001 * number, kind, "guide", {}, {}) for number, kind in enumerate(["reversal"] * 2 + ["corner"] * 3))
     made = replace(made, truths={name: replace(truth, events=events) for name, truth in made.truths.items()})

@@ -42,9 +42,9 @@ def made_up(status="ok"):
                 row = {"scene": scene, "variant": label, "engine": label, "fidelity": fidelity, "parameter": "dt",
                        "step": step, "status": found, "reason": "", "key": key, JOINT_COORDINATES: label == "still"}
                 rows.append(row if value is None else row | {
-                    POSITION: factor * position, VELOCITY: factor * velocity, "position drift, end [m]": position,
-                    "velocity drift, end [m/s]": velocity, "growth": law, "exponent of growth [-]": 0.8,
-                    "interval of the exponent [-]": 0.5})
+                    POSITION: factor * position, VELOCITY: factor * velocity, "position_drift_end": position,
+                    "velocity_drift_end": velocity, "growth": law, "growth_exponent": 0.8,
+                    "growth_exponent_uncertainty": 0.5})
     return Results(tuple(records), {}, {"drift": pd.DataFrame(rows)})
 
 

@@ -42,7 +42,7 @@ def test_a_dash_has_its_reason(error, why):
 def test_orders_of_the_reference(in_this_process):
     """8 between events, 4 between events, 1 across a break-away, within their intervals, which say something."""
     table = plan(Scope((load_scene("slider-bar-case-1"),))).make().tables["orders"].drop_duplicates("method")
-    assert list(table["order of the method [-]"]) == [8, 4, 1]
+    assert list(table["promised_order"]) == [8, 4, 1]
     for row in table.to_dict("records"):
-        order, half = row["order of the method [-]"], row["interval of the order [-]"]
-        assert abs(row["observed order [-]"] - order) <= half < 0.25 * order
+        order, half = row["promised_order"], row["observed_order_uncertainty"]
+        assert abs(row["observed_order"] - order) <= half < 0.25 * order

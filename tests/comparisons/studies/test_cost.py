@@ -54,11 +54,11 @@ def first_order():
                 total = place * 1e-4 / step
                 row = {"scene": scene, "variant": variant, "engine": engine, "fidelity": fidelity, "parameter": "dt",
                        "step": step, "truth": scene, "status": "missing", "reason": "No module",
-                       "key": f"{scene}/{variant}/{step:g}", "position uncertainty [m]": 1e-14}
+                       "key": f"{scene}/{variant}/{step:g}", "position_uncertainty": 1e-14}
                 if there:
                     row |= {"status": "ok", "reason": "", "settings": json.dumps({"method": variant}),
-                            "cpu [s]": total, OWN_CPU: total * OWN_PART.get(variant, 1.0), "set-up [s]": 1e-3 * place,
-                            "compile [s]": 0.02, "repeats": 5, "position error [m]": size,
+                            "cpu_time": total, OWN_CPU: total * OWN_PART.get(variant, 1.0), "setup_time": 1e-3 * place,
+                            "compile_time": 0.02, "repeats": 5, "position_error": size,
                             TIMING: "unsure" if step == 1e-2 and variant == "pymunk" else ""}
                 rows.append(row)
     return with_equal_error(pd.DataFrame(rows))
@@ -66,8 +66,8 @@ def first_order():
 
 def times_of(cost):
     """The same times in five rounds."""
-    return pd.DataFrame([{"key": row["key"], "round": number, "cpu [s]": row["cpu [s]"], OWN_CPU: row[OWN_CPU]}
-                         for row in cost.dropna(subset="cpu [s]").to_dict("records") for number in range(1, 6)])
+    return pd.DataFrame([{"key": row["key"], "round": number, "cpu_time": row["cpu_time"], OWN_CPU: row[OWN_CPU]}
+                         for row in cost.dropna(subset="cpu_time").to_dict("records") for number in range(1, 6)])
 
 
 def records(tables):
@@ -124,7 +124,7 @@ def test_a_time_with_a_wide_interval_is_marked_where_it_stands(part, mark):
     cost = cost_of_case_1()
     times = times_of(cost)
     slower = 1 + part * WIDE * (times["round"] == 1)
-    times = times.assign(**{name: times[name] * slower for name in ("cpu [s]", OWN_CPU)}, **{OTHERS: 0.1 * times["round"]})
+    times = times.assign(**{name: times[name] * slower for name in ("cpu_time", OWN_CPU)}, **{OTHERS: 0.1 * times["round"]})
     tables = with_equal_error(cost, times) | {"times": times}
     shown = said(tables)
     assert "up to 0.5 cores busy" in sentences(shown) and not wrong_numbers(shown, Results((), {}, tables))
@@ -134,7 +134,7 @@ def test_a_time_with_a_wide_interval_is_marked_where_it_stands(part, mark):
 
 def test_errors_below_the_uncertainty_of_the_truth_have_a_bound():
     """The reference is at 5e-6 m; of a truth that is known to 2e-5 m, its time to 1e-5 m is at least that to 1e-4 m."""
-    first, *_ = said(with_equal_error(cost_of_case_1().assign(**{"position uncertainty [m]": 2e-5}))).tables
+    first, *_ = said(with_equal_error(cost_of_case_1().assign(**{"position_uncertainty": 2e-5}))).tables
     cells = {row[0]: row[1:] for row in first.cells(brief=True)}
     assert cells["reference"] == ["≤ 10", "≤ 10", "≤ 10", "≥ 10", "≥ 10"]
     assert cells["pymunk"][1:3] == ["150 (75)", "–"]
@@ -145,7 +145,7 @@ def test_a_limit_turns_with_one_case():
     limits = {table.name: table for table in said(tables).tables}["cost-limits"].frame.set_index("variant")
     assert set(limits["limit"]) == {INTEGRATION} and limits["order"].tolist() == pytest.approx([1.0] * 6)
     level = tables["cost"]["variant"].eq("pymunk") & tables["cost"]["scene"].eq(CASES[2])
-    tables["cost"].loc[level, "position error [m]"] = 1e-2
+    tables["cost"].loc[level, "position_error"] = 1e-2
     shown = said(with_equal_error(tables["cost"]))
     limits = {table.name: table for table in shown.tables}["cost-limits"].frame.set_index("variant")
     assert limits["limit"]["pymunk"] == UNKNOWN
@@ -156,7 +156,7 @@ def test_bounds_stay_bounds_when_they_are_rounded():
     """The reference is exact in 1.06 of its 10 ms, and the slow engine's finest run takes 0.96 of its 500 ms."""
     cost = cost_of_case_1()
     for variant, factor in (("reference", 1.06), ("slow", 0.998)):
-        cost.loc[cost["variant"] == variant, ["cpu [s]", OWN_CPU]] *= factor
+        cost.loc[cost["variant"] == variant, ["cpu_time", OWN_CPU]] *= factor
     tables = with_equal_error(cost)
     shown = said(tables)
     assert cells(shown)["reference"] == "≤ 11" and cells(shown)["slow"] == "> 490"
@@ -174,12 +174,12 @@ def test_our_own_solver_of_contacts_is_no_engine():
 def test_an_error_that_falls_over_all_cases_and_rises_in_one_is_named():
     cost = material()["cost"]
     last = cost["variant"].eq("PyBullet") & cost["scene"].eq(CASES[2]) & cost["step"].eq(STEPS[-1])
-    cost.loc[last, "position error [m]"] = 4e-3  # 15, 3.8 and 1.5 mm before
+    cost.loc[last, "position_error"] = 4e-3  # 15, 3.8 and 1.5 mm before
     shown = said(with_equal_error(cost))
     assert "rises: PyBullet in case 3." in sentences(shown) and "rises" not in sentences(said(material()))
 
 
-@pytest.mark.parametrize("gone", [["equal-error"], [], ["repeats"], ["set-up [s]", "compile [s]", TIMING]])
+@pytest.mark.parametrize("gone", [["equal-error"], [], ["repeats"], ["setup_time", "compile_time", TIMING]])
 def test_what_is_missing_is_left_out(gone):
     tables = material()
     tables["cost"] = tables["cost"].drop(columns=[name for name in gone if name in tables["cost"]])
@@ -189,7 +189,7 @@ def test_what_is_missing_is_left_out(gone):
 
 
 def test_no_timed_run_is_said_without_numbers():
-    failed = material()["cost"].assign(status="failed", reason="gave up").drop(columns="position error [m]")
+    failed = material()["cost"].assign(status="failed", reason="gave up").drop(columns="position_error")
     assert said({"cost": failed}).answer and not said({"cost": failed}).answer.numbers
 
 

@@ -59,35 +59,35 @@ def rows(table: pd.DataFrame, variant: str) -> pd.DataFrame:
 def test_counters_are_what_the_effects_say(table):
     own = rows(table, "reference")
     assert (own["status"] == "ok").all() and (own["reason"] == "").all()
-    assert own.at["no friction", "hlcp [-]"] == own.at["no friction", "pivots [-]"] == own.at["no friction", PAIRS] == 0
+    assert own.at["no friction", "counter:hlcp"] == own.at["no friction", "counter:pivots"] == own.at["no friction", PAIRS] == 0
     assert own.at["no friction", LEFT_OUT] == "friction, surface levers, static coefficient"
     assert own.at[BASELINE, LEFT_OUT] == "" and own.at[BASELINE, PAIRS] == hlcp_size(load_scene(CASE))
-    assert (own.drop("no friction")["hlcp [-]"] > 0).all()
-    assert own.at["no stabilization", "projections [-]"] == 0 < own.at[BASELINE, "projections [-]"]
+    assert (own.drop("no friction")["counter:hlcp"] > 0).all()
+    assert own.at["no stabilization", "counter:projections"] == 0 < own.at[BASELINE, "counter:projections"]
     # 2 s are 2 alpha 2 s = 360 time constants of the paper's Baumgarte, of which an explicit step of order 8 covers about 6
-    assert own.at["Baumgarte (alpha = 90, beta = 10)", "steps [-]"] > 360 / 6 > 3 * own.at[BASELINE, "steps [-]"]
+    assert own.at["Baumgarte (alpha = 90, beta = 10)", "counter:steps"] > 360 / 6 > 3 * own.at[BASELINE, "counter:steps"]
 
 
 def test_motion_changes_as_the_truth_does(table):
     own, t = rows(table, "reference"), np.linspace(0, 2, 201)
-    assert (own.loc[BASELINE, ["position change [m]", "velocity change [m/s]", "effort change, L1 mean [N, N m]"]] == 0).all()
+    assert (own.loc[BASELINE, ["position_change", "velocity_change", "effort_change"]] == 0).all()
     scene = load_scene(CASE)
     exact = slider_bar_truth(scene, 2.0)(t)["slider.x"]
     for effect, keys in (("no friction", ("guide.mu", "guide.mus")), ("no static coefficient (mus = mu)", ("guide.mus",)),
                          ("no gravity", ("gravity",)), ("no corner forces (length, width)", ("guide.length", "guide.width"))):
         truth = slider_bar_truth(vary(scene, dict.fromkeys(keys)), 2.0)
         # two runs at rtol 1e-9, whose errors of position are of the order of 1e-9 m
-        assert own.at[effect, "position change [m]"] == pytest.approx(np.max(np.abs(truth(t)["slider.x"] - exact)), abs=2e-8)
+        assert own.at[effect, "position_change"] == pytest.approx(np.max(np.abs(truth(t)["slider.x"] - exact)), abs=2e-8)
         if effect != "no gravity" and truth.events and not effect.startswith("no friction"):
-            assert own.at[effect, "first event [s]"] == pytest.approx(truth.events[0].time, abs=1e-8)
-    assert np.isnan(own.at["no drive", "effort change, L1 mean [N, N m]"])
-    assert own.at["no friction", "slip events"] == own.at["no friction", "stick events"] == 0
+            assert own.at[effect, "first_event"] == pytest.approx(truth.events[0].time, abs=1e-8)
+    assert np.isnan(own.at["no drive", "effort_change"])
+    assert own.at["no friction", "slip_events"] == own.at["no friction", "stick_events"] == 0
 
 
 def test_an_adapter_has_no_friction_machinery_for_what_has_no_friction(table):
     adapter = rows(table, "pymunk")
-    assert adapter.at["no friction", "passes [-]"] <= adapter.at["no friction", "steps [-]"]
-    assert adapter.at[BASELINE, "passes [-]"] > adapter.at[BASELINE, "steps [-]"]
+    assert adapter.at["no friction", "counter:passes"] <= adapter.at["no friction", "counter:steps"]
+    assert adapter.at[BASELINE, "counter:passes"] > adapter.at[BASELINE, "counter:steps"]
 
 
 def test_a_failed_run_is_a_row_with_its_reason(table):
@@ -100,14 +100,14 @@ def test_drift_suppression_is_a_choice_with_a_price(in_this_process):
     made = stabilization_choices.plan(Scope((load_scene(CASE),), t_end=2.0, repeats=1)).make()
     found = made.tables["suppression"].set_index(["variant", "step"])
     assert (found["status"] == "ok").all()
-    assert ((found["projections [-]"] > 0) == (found["suppression"] == "projection")).all()
+    assert ((found["counter:projections"] > 0) == (found["suppression"] == "projection")).all()
     # projection to 1e-15 m after each step, read at the steps themselves; without it the residual is the method's error
-    drift = found["position drift, max [m]"]
+    drift = found["position_drift"]
     assert drift["paper's scheme, projection", 1e-2] < 1e-13 < drift["paper's scheme, none", 1e-2]
-    rhs = found["rhs [-]"]
+    rhs = found["counter:rhs"]
     assert rhs["reference, baumgarte", 1e-9] > 5 * rhs["reference, none", 1e-9]
     # the same physics whatever is done against drift: the error is that of the tolerance
-    assert (found.xs(1e-9, level="step")["position error [m]"] < 1e-7).all()
+    assert (found.xs(1e-9, level="step")["position_error"] < 1e-7).all()
 
 
 def test_clearance_is_toggled_where_an_engine_has_one(in_this_process):
@@ -116,7 +116,7 @@ def test_clearance_is_toggled_where_an_engine_has_one(in_this_process):
     found = effects_comparison(scene, (REFERENCE, moreau), t_end=0.5, repeats=1).make().table
     own, others = rows(found, moreau.label), rows(found, REFERENCE.label)
     assert not any("clearance" in effect for effect in others.index)
-    small, large = (own.at[f"clearance {part} of the size", "position change [m]"] for part in ("0.001", "0.01"))
+    small, large = (own.at[f"clearance {part} of the size", "position_change"] for part in ("0.001", "0.01"))
     # the slider rests on a surface of its guide instead of its line: off by a clearance, which grows ten times
     assert 0 < small < large and large > 5 * small
 
@@ -131,7 +131,7 @@ ROWS = {BASELINE: (1.0, 1.0, 1.0, 5, ""), "no gravity": (1.2, 1.1, 1.3, 5, "grav
 def effects_table():
     table = pd.DataFrame([{"variant": "reference", "engine": "reference", "effect": effect, "status": "ok",
                            RATIO: share, LOW: low, HIGH: high, PAIRS: pairs, LEFT_OUT: out,
-                           "rhs [-]": 1000 + number, MOTION: 0.5 * number} for number,
+                           "counter:rhs": 1000 + number, MOTION: 0.5 * number} for number,
                           (effect, (share, low, high, pairs, out)) in enumerate(ROWS.items())])
     return table
 
@@ -157,7 +157,7 @@ def test_baumgarte_is_compared_at_equal_error():
     times = {("reference", 1, 1e-2): 1.0, ("reference, Baumgarte", 1, 1e-2): 90.0, ("reference", 1, 1e-3): 1.0, ("reference, Baumgarte", 1, 1e-3): 7.0,
              ("reference", 2, 1e-3): 1.0, ("reference, Baumgarte", 2, 1e-3): 2.0, ("reference", 2, 1e-6): 2.0, ("reference, Baumgarte", 2, 1e-6): 30.0,
              ("reference, Baumgarte", 2, 1e-9): 99.0, ("reference", 1, 1e-4): 1.0, ("reference, Baumgarte", 1, 1e-4): 90.0}
-    equal = pd.DataFrame([{"variant": variant, "scene": f"case {case}", "error": error, "quantity": "position", "cpu [s]": 1e-3 * time, "at most": error == 1e-4}
+    equal = pd.DataFrame([{"variant": variant, "scene": f"case {case}", "error": error, "quantity": "position", "cpu_time": 1e-3 * time, "is_bound": error == 1e-4}
                           for (variant, case, error), time in times.items()])
     results = Results((), {}, {"effects": effects_table(), "equal-error": equal})
     said = effects.STUDY.presented(results)
@@ -189,7 +189,7 @@ def test_failures_are_said_and_nothing_else(study, name):
 def test_a_failed_effect_among_others_is_named():
     table = effects_table()
     table.loc[table["effect"] == "no load", ["status", "reason"]] = "failed", "killed"
-    table.loc[table["effect"] == "no load", [RATIO, LOW, HIGH, MOTION, "rhs [-]"]] = None
+    table.loc[table["effect"] == "no load", [RATIO, LOW, HIGH, MOTION, "counter:rhs"]] = None
     said = said_of(effects.STUDY, "effects", table)
     assert "load" not in said.answer.text and "no load" in said.findings[-1].text
     assert not any("nan" in cell for view in said.tables for row in view.cells() for cell in row)
@@ -202,8 +202,8 @@ def suppression_table():
             rows.append({"variant": f"way, {choice}", "suppression": choice, "parameter": parameter, "step": step,
                          "status": "ok", "reason": "", OWN_CPU: cpu * step,
                          stabilization_choices.LOW: 0.9 * cpu * step, stabilization_choices.HIGH: 1.1 * cpu * step,
-                         "position drift, max [m]": drift, "velocity drift, max [m/s]": drift,
-                         "position error [m]": 1e-9 / cpu, "key": f"{choice}/{step:g}"})
+                         "position_drift": drift, "velocity_drift": drift,
+                         "position_error": 1e-9 / cpu, "key": f"{choice}/{step:g}"})
     return pd.DataFrame(rows)
 
 

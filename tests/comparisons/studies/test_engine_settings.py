@@ -29,7 +29,7 @@ from stiction.scenes import InputError, load_scene
 CASES = tuple(load_scene(f"slider-bar-case-{number}") for number in (1, 2, 3))
 
 
-TORQUE = "torque error, L1 mean [N m]"
+TORQUE = "torque_error"
 FAILS = np.nan, 1.0
 
 

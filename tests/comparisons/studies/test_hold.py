@@ -211,7 +211,7 @@ def test_a_run_beyond_the_limit_against_the_truth(engine, compiled):
 
 def made_up(subject, setting, load, creep, unsure=0.0, cpu=1.0, scene="s", status="ok", **settings):
     return {"scene": scene, "variant": f"{subject}: {setting}" if setting else subject, "engine": "e", "fidelity": "contact",
-            "truth": scene, "parameter": "dt", "step": 1e-3, "status": status, "reason": "", "friction by": "engine",
+            "truth": scene, "parameter": "dt", "step": 1e-3, "status": status, "reason": "", "friction_by": "engine",
             "settings": json.dumps(settings), OWN_CPU: cpu, SUBJECT: subject if setting else None, SETTING: setting or None,
             TEST: HELD, LOAD: load, hold.PART: load, hold.LETS_GO: creep > 0.1, CREEP: creep, UNSURE: unsure, "key": f"{subject}{setting}{load}"}
 

@@ -75,10 +75,10 @@ def made_up(failed=()):
         law = {NONE: GROWS, PAPERS: BOUNDED, PROJECTION: ROUNDED}[run.choice]
         worse = 40.0 if run.choice == PAPERS and run.scene is CASES[3] else 1.0
         row = {"reason": "modes follow each other" if early else "", IN_SHORT: size, ERROR: 1e-5 * worse,
-               "position uncertainty [m]": 1e-12, "position drift, max [m]": 10 * size,
-               "velocity drift, max [m/s]": size, "growth, 240 s": None if early else law,
-               "exponent of growth, 240 s [-]": 1.5 + 0.1 * STEPS.index(run.step),
-               "interval of the exponent, 240 s [-]": 0.2}
+               "position_uncertainty": 1e-12, "position_drift": 10 * size,
+               "velocity_drift": size, "growth_240s": None if early else law,
+               "growth_exponent_240s": 1.5 + 0.1 * STEPS.index(run.step),
+               "growth_exponent_uncertainty_240s": 0.2}
         octaves = () if early else ((60.0, size), (120.0, size), (240.0, size))
         outcomes.append(Outcome(run.name, "timed out", None, "made up") if run.name in failed else
                         Outcome(run.name, "ok", (row, octaves)))
@@ -99,7 +99,7 @@ def test_a_run_that_failed_counts_among_all():
     results = made_up(failed=("slider-bar-case-1/none/dt=0.001",))
     study = results.tables["study"]
     [row] = study[study["status"] == "timed out"].to_dict("records")
-    assert (row["run"], row["time [s]"], row["reason"]) == ("slider-bar-case-1/none/dt=0.001", 2400.0, "made up")
+    assert (row["run"], row["time"], row["reason"]) == ("slider-bar-case-1/none/dt=0.001", 2400.0, "made up")
     said = STUDY.presented(results)
     assert [number.text for number in said.findings[0].numbers][:3] == ["7", "1", "8"]
     assert not wrong_numbers(said, results)
@@ -108,7 +108,7 @@ def test_a_run_that_failed_counts_among_all():
 def test_sentences_follow_the_data():
     results = made_up()
     study = results.tables["study"]
-    study.loc[0, "growth, 240 s"], study[ERROR_RATIO] = BOUNDED, 1.5
+    study.loc[0, "growth_240s"], study[ERROR_RATIO] = BOUNDED, 1.5
     said = STUDY.presented(results)
     assert [number.text for number in said.findings[0].numbers][:3] == ["7", "1", "8"] and len(said.findings) == 3
 
@@ -116,7 +116,7 @@ def test_sentences_follow_the_data():
 def test_ratios_are_to_the_run_without_stabilization_over_the_time_of_the_papers_figure():
     """Over 192 s the made-up drift without stabilization is 2^4.5 times that with it, over 24 s they are equal."""
     study = study_tables()["study"]
-    whole = study.groupby("choice")["position drift, max [m]"].max()
+    whole = study.groupby("choice")["position_drift"].max()
     assert whole[NONE.label] == pytest.approx(2 ** 4.5 * whole[PAPERS.label])
     ratios = study.set_index("choice")
     assert ratios.loc[PAPERS.label, [DRIFT_RATIO, ERROR_RATIO]].to_numpy().tolist() == [[1.0, 2.0], [1.0, 2.0]]

@@ -109,13 +109,13 @@ def test_drift_that_grows_turns_the_verdict():
     study = study_tables()["study"].assign(scene="slider-bar-case-1")
     without_, with_ = (row["verdict"] for row in drift_claims(study, "slider-bar-case-1"))
     assert (without_, with_) == (HOLDS, HOLDS)
-    growing = study.assign(**{"growth, 240 s": "grows"})
+    growing = study.assign(**{"growth_240s": "grows"})
     assert [row["verdict"] for row in drift_claims(growing, "slider-bar-case-1")] == [HOLDS, FAILS]
-    still = study.assign(**{"growth, 240 s": "bounded"})
+    still = study.assign(**{"growth_240s": "bounded"})
     assert [row["verdict"] for row in drift_claims(still, "slider-bar-case-1")] == [FAILS, HOLDS]
-    rounded = study.assign(**{"growth, 240 s": "rounding"})  # the method adds nothing, which is no growth; nor is it a bound that is exceeded
+    rounded = study.assign(**{"growth_240s": "rounding"})  # the method adds nothing, which is no growth; nor is it a bound that is exceeded
     assert [row["verdict"] for row in drift_claims(rounded, "slider-bar-case-1")] == [FAILS, HOLDS]
-    short = study.assign(**{"growth, 240 s": "inconclusive"})
+    short = study.assign(**{"growth_240s": "inconclusive"})
     assert [row["verdict"] for row in drift_claims(short, "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
     assert [row["verdict"] for row in drift_claims(pd.DataFrame(), "slider-bar-case-1")] == [UNDECIDED, UNDECIDED]
 
@@ -178,7 +178,7 @@ def test_of_what_the_paper_leaves_open_only_gravity_decides(overrides, threshold
 
 
 def row_of(threshold, stick, said, reason=""):
-    numbers = {"threshold on F0 [N]": threshold, "stick time per period, case 1 [s]": stick}
+    numbers = {"threshold_on_F0": threshold, "stick time per period, case 1 [s]": stick}
     known = {name: number for name, number in numbers.items() if number is not None}
     return Outcome("a choice", "ok", Sensitivity(known, {"case 1: words": said}, reason))
 
@@ -189,13 +189,13 @@ def test_what_depends_on_what_the_paper_leaves_open():
                 Outcome("a choice", "timed out", reason="no result within 240 s"), *[row_of(4.0, 0.5, HOLDS)] * (len(CHOICES) - 5)]
     table = sensitivity_comparison(CASES).tabulate(outcomes)
     same, changed, without_, lost = (table.iloc[i] for i in (1, 2, 3, 4))
-    assert list(table["choice"]) == list(CHOICES) and (same["claims that change"], same["numbers that change"]) == ("none", "none")
-    assert changed["claims that change"] == f'"case 1: words" {FAILS} (was: {HOLDS})'
-    assert changed["numbers that change"] == "threshold on F0 +10 %; stick time per period, case 1 -1e+02 %"
-    assert without_["reason"] == "no stick phase down to 1 mN" and np.isnan(without_["threshold on F0 [N]"]) and without_["numbers that change"] == "none"
-    assert (lost["status"], lost["reason"]) == ("timed out", "no result within 240 s") and pd.isna(lost["claims that change"])
+    assert list(table["choice"]) == list(CHOICES) and (same["claims_that_change"], same["numbers_that_change"]) == ("none", "none")
+    assert changed["claims_that_change"] == f'"case 1: words" {FAILS} (was: {HOLDS})'
+    assert changed["numbers_that_change"] == "threshold on F0 +10 %; stick time per period, case 1 -1e+02 %"
+    assert without_["reason"] == "no stick phase down to 1 mN" and np.isnan(without_["threshold_on_F0"]) and without_["numbers_that_change"] == "none"
+    assert (lost["status"], lost["reason"]) == ("timed out", "no result within 240 s") and pd.isna(lost["claims_that_change"])
     first_lost = sensitivity_comparison(CASES).tabulate([lost_ for lost_ in [outcomes[4], *outcomes[1:]]])
-    assert first_lost["claims that change"].iloc[1].startswith("not known")
+    assert first_lost["claims_that_change"].iloc[1].startswith("not known")
 
 
 def test_a_choice_without_a_steady_state_is_reported_by_case(monkeypatch):

@@ -108,7 +108,7 @@ def test_a_method_is_off_only_if_its_finest_step_is_that_of_all_and_hardly_moves
     """An error of 0.16 N, at a step twice as long as others', or after a refinement that changed it by a third, may vanish."""
     rows = [("pymunk", 2.5e-3, -0.005, 0.0), ("Exudyn, contact", step, -0.16, change)]
     table = pd.DataFrame([{"variant": variant, "fidelity": "contact", "parameter": "dt", "step": dt, "status": "ok", "mus": 0.03,
-                           "truth [N]": 4.2, "truth uncertainty [N]": 1e-9, ERROR: error, CHANGE: moved,
+                           "true_threshold": 4.2, "true_threshold_uncertainty": 1e-9, ERROR: error, CHANGE: moved,
                            UNCERTAINTY: 0.01 + np.nan_to_num(moved)} for variant, dt, error, moved in rows])
     said = present(Results((), {}, {"threshold": table}))
     assert words in said.answer.text and len(said.answer.text) <= ANSWER_LENGTH and not wrong_numbers(said, Results((), {}, {"threshold": table}))
@@ -178,13 +178,13 @@ def test_a_band_above_is_taken_where_there_is_none_below():
 
 
 def test_the_table_and_the_answer_say_where_it_sticks_again():
-    rows = [{"variant": "pymunk", "fidelity": "joint", "parameter": "dt", "step": 1e-2, "status": "ok", "mus": 0.04, "truth [N]": 3.2,
-             "truth uncertainty [N]": 1e-9, ERROR: 0.05, CHANGE: np.nan, UNCERTAINTY: 0.01, AGAIN: again, SCANNED: 8.0}
+    rows = [{"variant": "pymunk", "fidelity": "joint", "parameter": "dt", "step": 1e-2, "status": "ok", "mus": 0.04, "true_threshold": 3.2,
+             "true_threshold_uncertainty": 1e-9, ERROR: 0.05, CHANGE: np.nan, UNCERTAINTY: 0.01, AGAIN: again, SCANNED: 8.0}
             for again in ("at about 3.77 to 4.55 N", "")]
     for row, words in zip(rows, ("With mus = 0.04 it sticks again at about 3.77 to 4.55 N.", "No other band is seen above, up to 8 N.")):
         said = present(Results((), {}, {"threshold": pd.DataFrame([row])}))
         assert words in [finding.text for finding in said.findings]
-        assert "sticks again" in [column.name for column in said.tables[0].columns]
+        assert "sticks_again" in [column.name for column in said.tables[0].columns]
 
 
 @given(st.floats(1.0, 2.0), st.floats(1.0, 2.0), st.floats(1e-4, 0.2))

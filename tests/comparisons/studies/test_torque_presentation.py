@@ -31,8 +31,8 @@ def results(unread=(), bounds=BOUNDS):
                 for number, jump in enumerate(JUMPS):
                     is_read = (label, case, number) not in unread
                     off = bound * (1 - 0.1 * number) if is_read else abs(jump)
-                    rows.append({**about(one), "event": number, "jump, truth [N m]": jump, "resolved": is_read,
-                                 "jump bound [N m]": off, "time error [s]": 1e-3 if is_read else np.nan})
+                    rows.append({**about(one), "event": number, "true_jump": jump, "resolved": is_read,
+                                 "jump_bound": off, "time_error": 1e-3 if is_read else np.nan})
     return Results(tuple(records), {}, {"torque": pd.DataFrame(rows)})
 
 
@@ -70,7 +70,7 @@ def test_tables_say_it_by_case_and_by_run():
 
 
 def test_without_bounds_there_is_nothing_to_say():
-    table = results().tables["torque"].drop(columns="jump bound [N m]")
+    table = results().tables["torque"].drop(columns="jump_bound")
     assert present(replace(results(), tables={"torque": table})) == Presentation()
 
 
@@ -78,7 +78,7 @@ def test_rows_without_a_truth_or_of_an_engine_that_is_not_installed_count_for_no
     made = results()
     table, contact = made.tables["torque"], made.tables["torque"]["fidelity"] == "contact"
     table["resolved"] = table["resolved"].astype(object)
-    table.loc[contact, ["resolved", "jump bound [N m]", "jump, truth [N m]", "event"]] = None
+    table.loc[contact, ["resolved", "jump_bound", "true_jump", "event"]] = None
     table.loc[contact, "status"] = "missing"
     said = present(made)
     assert "pymunk, contact" not in cells(said) and "contact" not in sentences(said) and not wrong_numbers(said, made)
@@ -114,20 +114,20 @@ def test_windows_are_around_the_largest_events_as_each_run_has_them():
     found, _ = windows()
     assert list(found.groupby("event")["kind"].first()) == ["reversal", "stick"]
     first = found[found["event"] == 0]
-    times = dict(first.groupby("variant")["event time [s]"].unique().map(sorted))
+    times = dict(first.groupby("variant")["event_time"].unique().map(sorted))
     assert times == {"pymunk": [3.0], "reference": [3.002], "truth": [3.0, 3.002]}
-    assert ((first["t [s]"] - first["event time [s]"]).abs() <= 0.03 * (1 + 1e-9)).all()
+    assert ((first["t"] - first["event_time"]).abs() <= 0.03 * (1 + 1e-9)).all()
     own = {variant: rows for variant, rows in first[first["truth"] == "a"].groupby("variant")}
-    sides = own["truth"].loc[own["truth"]["t [s]"] == 3.0, "effort [N m]"]
+    sides = own["truth"].loc[own["truth"]["t"] == 3.0, "effort_value"]
     assert len(sides) == 2 and np.ptp(sides) == pytest.approx(2.0)
-    jump = own["pymunk"].loc[own["pymunk"]["effort [N m]"].diff().abs().idxmax()]
-    assert jump["t [s]"] == pytest.approx(3.004) and len(own["pymunk"]) == 31  # every sample, 2 ms apart
+    jump = own["pymunk"].loc[own["pymunk"]["effort_value"].diff().abs().idxmax()]
+    assert jump["t"] == pytest.approx(3.004) and len(own["pymunk"]) == 31  # every sample, 2 ms apart
 
 
 def test_the_central_figure_shows_each_method_over_the_time_from_its_own_true_event():
     table, records = windows()
-    rows = [{**about(one), "truth": truth, "event": 0, "jump, truth [N m]": -2.0, "resolved": True,
-             "jump bound [N m]": 0.1, "time error [s]": 0.0}
+    rows = [{**about(one), "truth": truth, "event": 0, "true_jump": -2.0, "resolved": True,
+             "jump_bound": 0.1, "time_error": 0.0}
             for one, truth in zip(records, ("a", "a (mus = mu)"))]
     said = present(Results(tuple(records), {}, {"torque": pd.DataFrame(rows), "event-windows": table}))
     [figure] = [figure for figure in said.figures if figure.name == "torque-events"]

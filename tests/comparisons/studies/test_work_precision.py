@@ -41,7 +41,7 @@ def smooth() -> pd.DataFrame:
 @pytest.mark.parametrize(("variant", "order"), [("paper", 4), ("exudyn", 2), ("pymunk", 2)])  # pymunk is a leapfrog scheme while no guide changes its mode
 def test_orders_on_a_smooth_stretch(smooth, variant, order):
     # the next term of the error is O(h Omega) of the leading one, here up to 0.13, which moves an order by up to ln(1.13)/ln 2 = 0.18
-    found = smooth[smooth["variant"] == variant]["order, position [-]"].dropna()
+    found = smooth[smooth["variant"] == variant]["position_order"].dropna()
     assert len(found) and found.iloc[-1] == pytest.approx(order, abs=0.25)
 
 
@@ -51,21 +51,21 @@ def test_paper_scheme_is_of_first_order_across_a_break_away(in_this_process):
     instant = slider_bar_truth(scene, 1.0).events[0].time
     steps = tuple(instant / (n + 0.5) for n in (10, 31, 94))
     table = work_precision(scene, [Variant("paper", "reference", "dt", steps, settings=PAPER)], t_end=42 * steps[0], repeats=1).make().table
-    assert table["order, position [-]"].dropna().to_numpy() == pytest.approx([1.0, 1.0], abs=0.1)
+    assert table["position_order"].dropna().to_numpy() == pytest.approx([1.0, 1.0], abs=0.1)
 
 
 def test_failures_are_rows_with_their_reason_and_costs_are_apart(smooth):
     lost = smooth[smooth["status"] != "ok"]
     assert list(lost["variant"]) == ["hopeless"] and "99" in lost["reason"].item()
     ran = smooth[smooth["status"] == "ok"]
-    assert (ran[["set-up [s]", "compile [s]", "stepping [s]"]] >= 0).all(axis=None)
-    assert ((ran["cpu [s], low"] <= ran["cpu [s]"]) & (ran["cpu [s]"] <= ran["cpu [s], high"])).all()
+    assert (ran[["setup_time", "compile_time", "stepping_time"]] >= 0).all(axis=None)
+    assert ((ran["cpu_time_low"] <= ran["cpu_time"]) & (ran["cpu_time"] <= ran["cpu_time_high"])).all()
     assert ((ran[LOW] <= ran[OWN_CPU]) & (ran[OWN_CPU] <= ran[HIGH])).all()
     # the reference is counted whole, an engine of others without its adapter
     own = ran["engine"] == "reference"
-    assert (ran.loc[own, OWN_CPU] == ran.loc[own, "cpu [s]"]).all()
+    assert (ran.loc[own, OWN_CPU] == ran.loc[own, "cpu_time"]).all()
     apart = ran.loc[~own & (ran["engine"] != "moreau")]
-    assert ((apart[OWN_CPU] > 0) & (apart[OWN_CPU] < apart["cpu [s]"])).all() and len(apart)
+    assert ((apart[OWN_CPU] > 0) & (apart[OWN_CPU] < apart["cpu_time"])).all() and len(apart)
 
 
 def test_a_run_that_is_not_timed_is_not_drawn_and_its_error_is_known(smooth):
@@ -76,15 +76,15 @@ def test_a_run_that_is_not_timed_is_not_drawn_and_its_error_is_known(smooth):
     points = drawn(smooth)
     # the hopeless one is another setting of the paper's way; with a mark where our adapter does a part
     assert [label.rstrip(" *") for label in sorted(points)] == ["exudyn", "paper", "pymunk"]
-    best = smooth.loc[smooth["variant"] == "pymunk", "position error [m]"].idxmin()
-    untimed = smooth.assign(**{name: smooth[name].where(smooth.index != best) for name in (OWN_CPU, LOW, HIGH, "cpu [s]")})
+    best = smooth.loc[smooth["variant"] == "pymunk", "position_error"].idxmin()
+    untimed = smooth.assign(**{name: smooth[name].where(smooth.index != best) for name in (OWN_CPU, LOW, HIGH, "cpu_time")})
     assert drawn(untimed) == {**points, "pymunk *": points["pymunk *"] - 1}
     def smallest(table):
-        found = equal_error(table, pd.DataFrame(columns=["key", "round", OWN_CPU, "cpu [s]"]))
+        found = equal_error(table, pd.DataFrame(columns=["key", "round", OWN_CPU, "cpu_time"]))
         return found.loc[(found["variant"] == "pymunk") & (found["quantity"] == "position"), SMALLEST].iloc[0]
 
     ends = [smallest(table) for table in (smooth, untimed)]
-    assert ends[0] == ends[1] == smooth.at[best, "position error [m]"]
+    assert ends[0] == ends[1] == smooth.at[best, "position_error"]
 
 
 @pytest.mark.parametrize("name", [f"slider-bar-case-{case}{kind}" for case in (1, 2, 3) for kind in ("", "-mus-equals-mu", "-frictionless")])

@@ -187,13 +187,13 @@ def test_one_time_in_all_tables(in_this_process, monkeypatch):
          on_result=counted.append)
     rows = cost.table.set_index("variant")
     other = suppression.tables["suppression"].set_index(["variant", "step"]).loc[("reference, projection", 1e-6)]
-    columns = ["cpu [s]", OWN_CPU, "set-up [s]"]
+    columns = ["cpu_time", OWN_CPU, "setup_time"]
     times = [untimed[0].stepping_s, untimed[0].own_s, untimed[0].setup_s]
     assert list(rows.loc["mine", columns]) == list(other[columns]) == times
     assert np.isnan(untimed[1].stepping_s) and np.isnan(untimed[1].own_s)
     assert rows.at["mine", "repeats"] == 2 and rows.at["mine", LEVEL] == 0.5
     assert "2 rounds are too few" in rows.at["mine", TIMING]
-    assert rows.at["broken", "status"] == "failed" and np.isnan(rows.at["broken", "cpu [s]"])
+    assert rows.at["broken", "status"] == "failed" and np.isnan(rows.at["broken", "cpu_time"])
     assert list(cost.samples["key"].unique()) == [rows.at["mine", "key"]] and list(cost.samples["round"]) == [1, 2]
     distinct = len(suppression.tables["suppression"])
     assert len(counted) == 2 + distinct + 2 + 2 * distinct

@@ -27,9 +27,9 @@ def whole(validation) -> Results:
     """With comparisons of cost, and a timed run of its own."""
     run = validation.records[1]
     timed = replace(run, key=f"{run.key}/no gravity")
-    cost = validation.tables["accuracy"].assign(**{"stepping [s]": 0.5})
-    samples = pd.DataFrame([{"key": key, "round": number, OWN_CPU: 1e-3 * number, "cpu [s]": 2e-3 * number} for key in cost["key"] for number in range(1, 6)])
-    effects = pd.DataFrame([{**timed.describe(), "effect": "no gravity", "position change [m]": 0.25, "hlcp [-]": 12}])
+    cost = validation.tables["accuracy"].assign(**{"stepping_time": 0.5})
+    samples = pd.DataFrame([{"key": key, "round": number, OWN_CPU: 1e-3 * number, "cpu_time": 2e-3 * number} for key in cost["key"] for number in range(1, 6)])
+    effects = pd.DataFrame([{**timed.describe(), "effect": "no gravity", "position_change": 0.25, "counter:hlcp": 12}])
     return replace(validation, tables={**validation.tables, "cost": cost, "equal-error": equal_error(cost, samples), "effects": effects, "hard": hard_table()}, timed=(timed,))
 
 
@@ -100,7 +100,7 @@ def test_every_key_leads_to_its_row_and_trajectory(run, paper):
                 assert list(from_csv["key"]) == list(source.rows["key"])
             assert all((run.folder / name).is_file() for name in source.files)
             if {"key", "status"} <= set(source.rows) and source.table != "threshold" and (source.rows["status"] == "ok").all():
-                again = source.rows["run again"] if "run again" in source.rows else pd.Series(dtype=str)
+                again = source.rows["rerun_command"] if "rerun_command" in source.rows else pd.Series(dtype=str)
                 assert any(name.startswith("data/trajectories/") for name in source.files) or again.notna().all() and len(again)
                 assert {run for run in source.rows["key"]} == set(index.loc[(f"tables/{file.name}", key), "runs"].split("; "))
 

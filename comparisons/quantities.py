@@ -258,7 +258,7 @@ TORQUE = (
 """Jumps of the driving torque."""
 
 EFFECTS = (
-    _category("effect"), _text("blocks_left_out"), _count("hlcp_pairs", "HLCP pairs in slip"),
+    _category("effect"), _category("effect_kind"), _category("effect_left_out"), _text("blocks_left_out"), _count("hlcp_pairs", "HLCP pairs in slip"),
     *(_count(f"{kind}_events", f"{kind} events") for kind in ("slip", "stick", "reversal", "corner")),
     _value("first_event", "first event", "s"), _value("time_compared", "time compared", "s"),
     _error("position_change", "position change", "m"), _error("velocity_change", "velocity change", "m/s"),

@@ -103,7 +103,6 @@ class Record:
         early = trajectory.termination if trajectory and trajectory.termination != "end" else ""
         return {"scene": self.scene, "variant": self.variant.label, "engine": label_of(self.variant.engine),
                 "version": trajectory.version if trajectory else None, "fidelity": self.variant.fidelity,
-                COEFFICIENTS: str(Coefficients.of(has_static_coefficient(self.variant))),
                 FRICTION_BY: trajectory.settings.get(FRICTION_SUPPLIED_BY) if trajectory else None,
                 EVENTS_BY: trajectory.settings.get(EVENTS_LOCATED_BY) if trajectory else None,
                 "parameter": self.variant.parameter, "step": self.step, "status": self.outcome.status,
@@ -221,6 +220,11 @@ def has_static_coefficient(variant: Variant) -> bool:
         return load_engine(variant.engine).capabilities.static_coefficient.get(variant.fidelity, False)
     except EngineMissing:
         return True  # its runs will be rows with status "missing"; any truth will do
+
+
+def coefficients_of(variant: Variant) -> dict[str, str]:
+    """Return the column `COEFFICIENTS` of a run of the variant, for tables that compare it with a truth."""
+    return {COEFFICIENTS: str(Coefficients.of(has_static_coefficient(variant)))}
 
 
 MUS_EQUALS_MU = " (mus = mu)"

@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.presentation import Number, Presentation
+from stiction.comparisons.quantities import quantity_of
 from stiction.comparisons.results import Results
-from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, Record, Variant
+from stiction.comparisons.variants import COEFFICIENTS, EVENTS_BY, FRICTION_BY, Coefficients, Record, Variant
 from stiction.engines import Outcome
 from stiction.scenes import Trajectory
 
@@ -37,7 +38,8 @@ def about(one: Record) -> dict[str, object]:
     """The columns that every table begins with; the reference alone has its own friction law, and locates events."""
     own = one.variant.engine == "reference"
     suppliers = {FRICTION_BY: "engine" if own else "adapter", EVENTS_BY: "engine" if own else "nobody"}
-    return {**one.describe(), **(suppliers if one.trajectory is not None else {}), "truth": one.scene}
+    return {**one.describe(), COEFFICIENTS: str(Coefficients.BOTH), **(suppliers if one.trajectory is not None else {}),
+            "truth": one.scene}
 
 
 def shows(text: str, true: float) -> bool:
@@ -64,7 +66,7 @@ def is_in(number: Number, data: dict[str, pd.DataFrame]) -> bool:
     if len(cells) == 2:
         return shows(first, cells.iloc[0] / cells.iloc[1])
     if number.text.startswith("< "):
-        unsure = table[re.sub("error|distance", "uncertainty", number.column)].iloc[number.rows[0] - 1]
+        unsure = table[quantity_of(number.column).uncertainty].iloc[number.rows[0] - 1]
         return abs(cells.iloc[0]) <= unsure <= float(first)
     if number.text[0] in "≤>≥":  # a bound stays one
         low, high = (1.0, 1.11) if number.text[0] == "≤" else (0.9, 1.0)

@@ -17,7 +17,7 @@ from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies.long_runs import NONE, PAPERS, STEPS, LongRun, drift_study
-from stiction.comparisons.variants import Record, Variant, run_key
+from stiction.comparisons.variants import COEFFICIENTS, Coefficients, Record, Variant, run_key
 from stiction.engines.isolation import Outcome
 from stiction.reports.figures.style import Drawing, save_all
 from stiction.scenes import Trajectory, load_scene
@@ -89,7 +89,7 @@ def validation_of(records: list[Record], truths: dict) -> Results:
         {"case": "1", "claim": "the motion is periodic", "verdict": "holds", "figure": "period 8 s", "source": "Sect. 5"},
         {"case": "1-3", "claim": "there is no stick phase", "verdict": "does not hold", "figure": 0.6, "source": "made up"}])
     return Results(tuple(records), truths, {
-        "accuracy": pd.DataFrame([{**record.describe(), **errors(record.trajectory, truth_for[record.key], size_of(load_scene(CASE)))} for record in records]),
+        "accuracy": pd.DataFrame([{**record.describe(), COEFFICIENTS: str(Coefficients.BOTH), **errors(record.trajectory, truth_for[record.key], size_of(load_scene(CASE)))} for record in records]),
         "drift": pd.DataFrame([{**record.describe(), **drift(record.trajectory)} for record in records]), "threshold": threshold,
         "torque": torque_table(records, truth_for), "claims": claims, **study_tables()}, {"engines": ["a", "b"]}, 12.5, 20.25)
 

@@ -24,7 +24,7 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.truth.truth import SAMPLES
-from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, UNMADE, Record, scaled
+from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, UNMADE, Record, coefficients_of, scaled
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Trajectory
 
@@ -63,7 +63,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
         sizes = {name: size_of(scene) for name, scene in scenes.items()}
         truths = {record.key: truth_for(scenes[record.scene], [record], scope.t_end) for record in records}
         table = pd.DataFrame([
-            {**record.describe(), **errors(record.trajectory, truths[record.key], sizes[record.scene])}
+            {**record.describe(), **coefficients_of(record.variant), **errors(record.trajectory, truths[record.key], sizes[record.scene])}
             for record in records])
         known = {truth.scene: truth for truth in truths.values() if truth.tier != NO_TRUTH}
         return Tables({"accuracy": table}, records, truths=known)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ REFERENCE = Variant("reference", "reference", "rtol", (1e-9,))
 PAPERS = Baumgarte(method="baumgarte", alpha=90, beta=10)
 """Terms of Zhuang & Wang 2014, for scenes that declare none."""
 LEFT_OUT, PAIRS = "blocks_left_out", "hlcp_pairs"
+EFFECT_KIND, WITHOUT = "effect_kind", "effect_left_out"
 RATIO, LOW, HIGH = (f"engine_time_ratio{end}" for end in ("", "_low", "_high"))
 """Ratio of times inside the engine's own calls, which are all of the reference's, and the ends of its interval."""
 LARGEST_ERROR = 1e-3
@@ -49,38 +51,59 @@ MOTION = "position_change"
 KINDS = ("slip", "stick", "reversal", "corner")
 
 
+class EffectKind(StrEnum):
+    """What an `Effect` changes."""
+
+    BASELINE = "baseline"
+    LEFT_OUT = "left out"
+    """The scene does without one of its effects."""
+    UNSTABILIZED = "unstabilized"
+    BAUMGARTE = "Baumgarte"
+    SETTING = "setting"
+    """A setting of an engine."""
+
+
 @dataclass(frozen=True)
 class Effect:
-    """A change of a scene, by overrides of `stiction.scenes.vary`, or of an engine's settings."""
+    """A change of a scene, by overrides of `stiction.scenes.vary`, or of an engine's settings.
+
+    `kind` tells what is changed; `left_out` is the effect that the scene does without, in words.
+    """
 
     name: str
     overrides: Mapping[str, Any] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
+    kind: EffectKind = EffectKind.SETTING
+    left_out: str = ""
 
 
 def toggles(scene: Scene) -> Iterator[Effect]:
     """The baseline; the scene without each effect that it declares; other stabilizations than projection."""
-    yield Effect(BASELINE, PROJECTION)
+    yield Effect(BASELINE, PROJECTION, kind=EffectKind.BASELINE)
     guides, frictional = scene.guides, scene.frictional_guides
-    removed = {
-        "no gravity": ["gravity"] if scene.gravity and any(scene.gravity) else [],
-        "no friction": [f"{name}.{key}" for name, guide in frictional.items() for key in ("mu", "mus")
-                        if getattr(guide, key) is not None],
-        "no static coefficient (mus = mu)": [f"{name}.mus" for name, guide in frictional.items()
-                                             if guide.static_coefficient > guide.kinetic_coefficient],
-        "no surface levers (width)": [f"{name}.width" for name, guide in frictional.items() if guide.width],
-        "no corner forces (length, width)": [f"{name}.{key}" for name, guide in guides.items()
-                                             for key in ("length", "width") if getattr(guide, key) is not None],
-        "no drive": [f"drives.{name}" for name in scene.drives],
-        "no spring": [f"springs.{name}.stiffness" for name, spring in scene.springs.items() if spring.stiffness],
-        "no damper": [f"springs.{name}.damping" for name, spring in scene.springs.items() if spring.damping],
-        "no load": [f"forces.{name}" for name in scene.forces],
-    }
-    yield from (Effect(name, {**PROJECTION, **dict.fromkeys(keys)}) for name, keys in removed.items() if keys)
+    removed = (
+        ("gravity", "", ["gravity"] if scene.gravity and any(scene.gravity) else []),
+        ("friction", "", [f"{name}.{key}" for name, guide in frictional.items() for key in ("mu", "mus")
+                          if getattr(guide, key) is not None]),
+        ("static coefficient", "mus = mu", [f"{name}.mus" for name, guide in frictional.items()
+                                            if guide.static_coefficient > guide.kinetic_coefficient]),
+        ("surface levers", "width", [f"{name}.width" for name, guide in frictional.items() if guide.width]),
+        ("corner forces", "length, width", [f"{name}.{key}" for name, guide in guides.items()
+                                            for key in ("length", "width") if getattr(guide, key) is not None]),
+        ("drive", "", [f"drives.{name}" for name in scene.drives]),
+        ("spring", "", [f"springs.{name}.stiffness" for name, spring in scene.springs.items() if spring.stiffness]),
+        ("damper", "", [f"springs.{name}.damping" for name, spring in scene.springs.items() if spring.damping]),
+        ("load", "", [f"forces.{name}" for name in scene.forces]),
+    )
+    for effect, how, keys in removed:
+        if keys:
+            name = f"no {effect} ({how})" if how else f"no {effect}"
+            yield Effect(name, {**PROJECTION, **dict.fromkeys(keys)}, kind=EffectKind.LEFT_OUT, left_out=effect)
     terms = scene.stabilization if isinstance(scene.stabilization, Baumgarte) else PAPERS
-    yield Effect(NO_STABILIZATION, {"stabilization": {"method": "none"}})
+    yield Effect(NO_STABILIZATION, {"stabilization": {"method": "none"}}, kind=EffectKind.UNSTABILIZED)
     yield Effect(f"{BAUMGARTE} (alpha = {terms.alpha:g}, beta = {terms.beta:g})",
-                 {"stabilization": {"method": "baumgarte", "alpha": terms.alpha, "beta": terms.beta}})
+                 {"stabilization": {"method": "baumgarte", "alpha": terms.alpha, "beta": terms.beta}},
+                 kind=EffectKind.BAUMGARTE)
 
 
 def effects_variants(engines: Sequence[str] = ()) -> tuple[Variant, ...]:
@@ -97,19 +120,22 @@ def effects_comparison(scene: Scene, variants: Sequence[Variant] = (REFERENCE,),
     are the largest over all bodies and the output instants that both runs have; that of the effort is the mean of
     |difference| over time, of the scene's first drive.
     """
-    runs = []
+    runs, effects = list[TimedRun](), list[Effect]()
     for variant in scaled(variants, scene, t_end):
         own = (Effect(name, PROJECTION, settings) for name, settings in variant.effects.items())
+        changed = (*toggles(scene), *own)
+        effects += changed
         runs += [TimedRun(vary(scene, effect.overrides), variant, variant.ladder[0], effect.name, effect.settings)
-                 for effect in (*toggles(scene), *own)]
+                 for effect in changed]
     drive = next(iter(scene.drives), None)
 
     def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
         baselines = {run.variant.label: timing for run, timing in zip(runs, timings) if run.name == BASELINE}
         assembled = [block.name for block in blocks(runs[0].scene) if block.elements]
-        for run, record, timing in zip(runs, records, timings):
+        for run, effect, record, timing in zip(runs, effects, records, timings):
             there = {block.name for block in blocks(run.scene) if block.elements}
-            yield {**record.describe(), "effect": run.name,
+            yield {**record.describe(), "effect": run.name, EFFECT_KIND: str(effect.kind),
+                   WITHOUT: effect.left_out or None,
                    LEFT_OUT: ", ".join(name for name in assembled if name not in there), PAIRS: hlcp_size(run.scene),
                    **_events(record.trajectory), **_changes(timing, baselines[run.variant.label], drive),
                    **cost_of(timing)}
@@ -166,14 +192,15 @@ def present(results: Results) -> Presentation:
     table = results.table("effects")
     failed = [traced("{} failed: {}.", called(variant), listed(list(rows["effect"]))) for variant, rows in
               table[~table["status"].isin(["ok", MISSING_ENGINE])].groupby("variant", sort=False)] if len(table) else []
-    if RATIO not in table or not (table["effect"] == BASELINE).any():
+    if RATIO not in table or not (table[EFFECT_KIND] == EffectKind.BASELINE).any():
         return Presentation(findings=failed)
-    own = table[(table["engine"] == "reference") & (table["effect"] != BASELINE) & table[RATIO].notna()]
-    removed = own[own["effect"].str.startswith("no ") & (own["effect"] != NO_STABILIZATION)]
+    own = table[(table["engine"] == REFERENCE.engine) & (table[EFFECT_KIND] != EffectKind.BASELINE)
+                & table[RATIO].notna()]
+    removed = own[own[EFFECT_KIND] == EffectKind.LEFT_OUT]
     faster = removed[removed[HIGH] < 1]
-    parts = [traced("{} without {}", value("effects", table, int(row), RATIO, ".2g"), _named(table.at[row, "effect"]))
+    parts = [traced("{} without {}", value("effects", table, int(row), RATIO, ".2g"), table.at[row, WITHOUT])
              for row in faster.sort_values(RATIO).index[:3]]
-    baumgarte = [_ratio(table, row) for row in own.index[own["effect"].str.startswith(BAUMGARTE)]]
+    baumgarte = [_ratio(table, row) for row in own.index[own[EFFECT_KIND] == EffectKind.BAUMGARTE]]
     paid = sentence("{} with Baumgarte's terms at equal error", _at_equal_error(results))
     answer = sentence("Time over that with all effects: {}.", listed(
         [*filter(None, [listed(parts, ", ", ", "), paid])], "; ", "; "))
@@ -199,11 +226,6 @@ def present(results: Results) -> Presentation:
     every = [Column(name) for name in table if name not in ("settings", "version", "key")]
     runs = view("effects-all", "Every run behind the effects.", table, every, source="effects", in_report=False)
     return Presentation(answer, findings, tables=[shown, runs], notes=notes)
-
-
-def _named(effect: str) -> str:
-    """``corner forces`` for ``no corner forces (length, width)``."""
-    return effect.removeprefix("no ").partition(" (")[0]
 
 
 def _ratio(table: pd.DataFrame, row: int) -> Number:
@@ -232,10 +254,10 @@ def _promise(table: pd.DataFrame, faster: pd.DataFrame) -> list[TracedText]:
     if sized.empty:
         return []
     row = int(sized.sort_values([PAIRS, RATIO]).index[0])
-    base = int(table.index[(table["effect"] == BASELINE) & (table["engine"] == "reference")][0])
+    base = int(table.index[(table[EFFECT_KIND] == EffectKind.BASELINE) & (table["engine"] == "reference")][0])
     pairs = [value("effects", table, at, PAIRS, "g") for at in (base, row)]
     evaluations = [value("effects", table, at, "counter:rhs", "g") for at in (row, base)]
-    return [traced("Without {}, `stiction explain` leaves out these blocks: {}.", _named(table.at[row, "effect"]),
+    return [traced("Without {}, `stiction explain` leaves out these blocks: {}.", table.at[row, WITHOUT],
                    table.at[row, LEFT_OUT]),
             traced("Its HLCP goes from {} to {} pairs, and engine time to {}, with {} instead of {} right-hand sides. "
                    "Its motion changes by up to {} m.",

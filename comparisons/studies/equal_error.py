@@ -37,6 +37,7 @@ from stiction.comparisons.timing.intervals import median_interval
 from stiction.comparisons.timing.visits import doubt
 from stiction.comparisons.uncertain import Uncertain
 from stiction.comparisons.variants import OWN_CPU
+from stiction.engines.protocol import FRICTION_SUPPLIED_BY, Supplier
 
 SCENES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3", "slider-on-moving-guide", "elliptic-trammel",
           "hard/stiff-spring")

@@ -49,7 +49,7 @@ WORDS = {HOLDS: ("holds", "hold"), STEADY: ("holds in the steady state only", "h
 
 
 class Part(StrEnum):
-    """A stretch of motion on which a claim is measured."""
+    """A stretch of motion on which a claim is measured: of the truth, and of a run of the paper's scheme."""
 
     TRUTH_FROM_START = "truth_from_start"
     TRUTH_STEADY = "truth_steady"

@@ -24,12 +24,12 @@ from stiction.comparisons.studies.accuracy import ROW_HEIGHT, compared_runs, ste
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.uncertain import rounded_up
-from stiction.comparisons.variants import UNMADE, Record, time_factor
+from stiction.comparisons.variants import COEFFICIENTS, UNMADE, Record, time_factor
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Event, InputError, Scene
 
 TRUE_JUMP, LATE = "true_jump", "time_error"
-ABOUT = ["scene", "variant", "engine", "fidelity", "truth", "parameter", "step", "status", "reason", "key"]
+ABOUT = ["scene", "variant", "engine", "fidelity", COEFFICIENTS, "truth", "parameter", "step", "status", "reason", "key"]
 WINDOWS = "event-windows"
 """Name of the table of the driving torque around some events."""
 HALF_WINDOW = 0.03

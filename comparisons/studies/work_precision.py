@@ -21,7 +21,7 @@ from stiction.comparisons.methods import succeeded
 from stiction.comparisons.studies.study import Tables
 from stiction.comparisons.timing.timed_runs import samples_table
 from stiction.comparisons.timing.visits import Timing
-from stiction.comparisons.variants import OWN_CPU, Record, Variant, has_static_coefficient, job, physics_of
+from stiction.comparisons.variants import Record, Variant, coefficients_of, has_static_coefficient, job, physics_of
 from stiction.engines.isolation import Outcome, simulation
 from stiction.scenes import Scene
 
@@ -103,7 +103,8 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
         truths = truths_for(scene, records, t_end)
         for record, timing in zip(records, timings):
-            yield {**record.describe(), **cost_of(timing), **errors(record.trajectory, truths[record.key], size)}
+            yield {**record.describe(), **coefficients_of(record.variant), **cost_of(timing),
+                   **errors(record.trajectory, truths[record.key], size)}
 
     runs = [TimedRun(physics_of(scene, has_static_coefficient(variant)), variant, step)
             for variant in variants for step in variant.ladder]

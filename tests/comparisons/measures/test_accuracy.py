@@ -11,10 +11,11 @@ from stiction.comparisons.measures.accuracy import KINDS, effort_error, errors, 
 from stiction.comparisons.measures.distances import Graph, l1
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.methods import groups
-from stiction.comparisons.presentation.cells import uncertainty_of, with_uncertainty
+from stiction.comparisons.presentation.cells import with_uncertainty
+from stiction.comparisons.quantities import quantity_of
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import MUS_EQUALS_MU, Record
+from stiction.comparisons.variants import COEFFICIENTS, Coefficients, Record
 from stiction.engines import Outcome
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reports.markdown.tables import markdown
@@ -92,7 +93,7 @@ def test_no_number_is_printed_below_its_uncertainty(value, uncertainty, shown):
 
 
 def test_tables_print_numbers_with_their_uncertainty():
-    assert uncertainty_of("position_error") == "position_uncertainty" and uncertainty_of(TORQUE) == UNSURE
+    assert quantity_of("position_error").uncertainty == "position_uncertainty" and quantity_of(TORQUE).uncertainty == UNSURE
     table = pd.DataFrame({"variant": ["a", "b"], TORQUE: [1e-3, 1e-13], UNSURE: [1e-9, 1e-6]})
     assert list(with_uncertainty(table)) == ["variant", TORQUE]
     text = markdown(table)
@@ -101,6 +102,6 @@ def test_tables_print_numbers_with_their_uncertainty():
 
 def test_lists_hold_one_fidelity_and_one_physics():
     table = pd.DataFrame({"variant": list("abc"), "fidelity": ["joint", "contact", "joint"],
-                          "truth": ["s", "s", "s" + MUS_EQUALS_MU]})
-    assert [(name, list(rows["variant"])) for name, rows in groups(table)] == [
+                          COEFFICIENTS: [Coefficients.BOTH, Coefficients.BOTH, Coefficients.ONE]})
+    assert [(group.label, list(rows["variant"])) for group, rows in groups(table)] == [
         ("joint, mus > mu", ["a"]), ("contact, mus > mu", ["b"]), ("joint, mus = mu", ["c"])]

@@ -17,7 +17,7 @@ from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.work_precision import TIMING
 from stiction.comparisons.timing.timed_runs import OTHERS
 from stiction.comparisons.timing.visits import WIDE
-from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Record, Variant
+from stiction.comparisons.variants import COEFFICIENTS, EVENTS_BY, FRICTION_BY, OWN_CPU, Coefficients, Record, Variant
 from stiction.engines import Outcome
 from stiction.scenes import load_scene
 
@@ -53,7 +53,7 @@ def first_order():
                 size = {"slow": 10.0, "reference": 1e-2}.get(variant, 1.0) * 0.5 * number * step
                 total = place * 1e-4 / step
                 row = {"scene": scene, "variant": variant, "engine": engine, "fidelity": fidelity, "parameter": "dt",
-                       "step": step, "truth": scene, "status": "missing", "reason": "No module",
+                       "step": step, "truth": scene, COEFFICIENTS: str(Coefficients.BOTH), "status": "missing", "reason": "No module",
                        "key": f"{scene}/{variant}/{step:g}", "position_uncertainty": 1e-14}
                 if there:
                     row |= {"status": "ok", "reason": "", "settings": json.dumps({"method": variant}),

@@ -12,7 +12,7 @@ from stiction.comparisons.presentation import ANSWER_LENGTH
 from stiction.comparisons.results import Results
 from stiction.comparisons.studies import effects, stabilization_choices
 from stiction.comparisons.studies.effects import (BASELINE, HIGH, LEFT_OUT, LOW, MOTION, PAIRS, RATIO, REFERENCE,
-                                                  effects_comparison, effects_variants, toggles)
+                                                  EffectKind, effects_comparison, effects_variants, toggles)
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.truth import slider_bar_truth
 from stiction.comparisons.variants import OWN_CPU, Variant
@@ -128,8 +128,14 @@ ROWS = {BASELINE: (1.0, 1.0, 1.0, 5, ""), "no gravity": (1.2, 1.1, 1.3, 5, "grav
         "Baumgarte (alpha = 90, beta = 10)": (22.0, 21.0, 23.5, 5, "")}
 
 
+KINDS_OF_ROWS = {BASELINE: EffectKind.BASELINE, "no stabilization": EffectKind.UNSTABILIZED,
+                 "Baumgarte (alpha = 90, beta = 10)": EffectKind.BAUMGARTE}
+
+
 def effects_table():
     table = pd.DataFrame([{"variant": "reference", "engine": "reference", "effect": effect, "status": "ok",
+                           effects.EFFECT_KIND: str(KINDS_OF_ROWS.get(effect, EffectKind.LEFT_OUT)),
+                           effects.WITHOUT: None if effect in KINDS_OF_ROWS else effect.removeprefix("no "),
                            RATIO: share, LOW: low, HIGH: high, PAIRS: pairs, LEFT_OUT: out,
                            "counter:rhs": 1000 + number, MOTION: 0.5 * number} for number,
                           (effect, (share, low, high, pairs, out)) in enumerate(ROWS.items())])
@@ -180,7 +186,7 @@ def test_what_cannot_be_distinguished_from_the_baseline_saves_nothing():
 
 @pytest.mark.parametrize("study, name", [(effects.STUDY, "effects"), (stabilization_choices.STUDY, "suppression")])
 def test_failures_are_said_and_nothing_else(study, name):
-    lost = pd.DataFrame({"variant": ["reference", "reference"], "engine": "reference", "effect": ["no load", BASELINE],
+    lost = pd.DataFrame({"variant": ["reference", "reference"], "engine": "reference", "effect": ["no load", BASELINE], effects.EFFECT_KIND: ["left out", "baseline"],
                          "status": "failed", "reason": "killed"})
     said = said_of(study, name, lost)
     assert not said.answer and not said.tables and len(said.findings) == 1 and "failed" in said.findings[0].text

@@ -98,8 +98,8 @@ FLAT = [1e-3, 9.7e-4, 9.5e-4]
     (series(error=FLAT, fidelity="contact"), POSITION, None, MODEL, "bodies in contact"),
     (series(error=FLAT), POSITION, 8e-4, MODEL, "end at 0.0008 m"),
     (series(error=FLAT), POSITION, 1e-8, ADAPTER, "lead to 1e-08 m"),
-    (series(error=FLAT, friction_law="Coulomb, bound set by the adapter each step"), POSITION, None, ADAPTER, "by the adapter"),
-    (series(error=FLAT, friction_law="Coulomb (engine)"), POSITION, None, UNKNOWN, "does not fall"),
+    (series(error=FLAT, friction_law="Coulomb, bound set anew each step", friction_supplied_by="adapter"), POSITION, None, ADAPTER, "set anew each step"),
+    (series(error=FLAT, friction_law="Coulomb", friction_supplied_by="engine"), POSITION, None, UNKNOWN, "does not fall"),
     (series(error=[1e-2]), POSITION, None, UNKNOWN, "too few runs"),
     (series(error=[1e-2, 1e-3]), POSITION, None, UNKNOWN, "too few runs"),  # two points make a slope without an interval
     (series(error=[8e-3, 2.2e-3, 1.6e-3], steps=[1e-2, 5e-3, 2.5e-3], fidelity="contact"), POSITION, None, UNKNOWN, " in dt at the finest runs"),

@@ -24,7 +24,7 @@ from stiction.comparisons.studies.hold_data import Law
 from stiction.comparisons.studies.study import Scope, union
 from stiction.comparisons.timing.visits import VisitTimes
 from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import OWN_CPU
+from stiction.comparisons.variants import COEFFICIENTS, OWN_CPU, Coefficients
 from stiction.engines import load_engine
 from stiction.scenes import InputError, catalogue, load_scene, vary
 
@@ -211,7 +211,8 @@ def test_a_run_beyond_the_limit_against_the_truth(engine, compiled):
 
 def made_up(subject, setting, load, creep, unsure=0.0, cpu=1.0, scene="s", status="ok", **settings):
     return {"scene": scene, "variant": f"{subject}: {setting}" if setting else subject, "engine": "e", "fidelity": "contact",
-            "truth": scene, "parameter": "dt", "step": 1e-3, "status": status, "reason": "", "friction_by": "engine",
+            "truth": scene, COEFFICIENTS: str(Coefficients.ONE), hold.CHANGED: setting.partition("=")[0] if "=" in (setting or "") else None,
+            "parameter": "dt", "step": 1e-3, "status": status, "reason": "", "friction_by": "engine",
             "settings": json.dumps(settings), OWN_CPU: cpu, SUBJECT: subject if setting else None, SETTING: setting or None,
             TEST: HELD, LOAD: load, hold.PART: load, hold.LETS_GO: creep > 0.1, CREEP: creep, UNSURE: unsure, "key": f"{subject}{setting}{load}"}
 

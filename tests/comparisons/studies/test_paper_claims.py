@@ -13,7 +13,7 @@ from stiction.comparisons.measures.claim_measures import MEASURES, ClaimMargin, 
 from stiction.comparisons.measures.steady_stretch import run_stretch, steady_stretch, truth_stretch
 from stiction.comparisons.studies import paper_claims
 from stiction.comparisons.studies.paper_claims import (CHOICES, CONTRADICTS, FAILS, HOLDS, PARTLY, STEADY, UNDECIDED,
-                                                       Claim, Sensitivity, Views, claims, drift_claims, findings,
+                                                       Claim, Part, Sensitivity, Views, claims, drift_claims, findings,
                                                        general_claims, paper_run, sensitivity, sensitivity_comparison,
                                                        verdict)
 from stiction.comparisons.truth import StickThreshold, slider_bar_truth
@@ -96,8 +96,7 @@ def test_verdicts_follow_from_what_was_found():
     about = Claim("1", "442", "words")
 
     def said(*margins, claim=about, some=False):
-        names = ("truth, from the start", "truth, steady", "HLCP, from the start", "HLCP, last period")
-        return verdict(claim, {name: ClaimMargin(margin, some) for name, margin in zip(names, margins)})
+        return verdict(claim, {part: ClaimMargin(margin, some) for part, margin in zip(Part, margins)})
 
     assert said(1, 1, 1, 1) == HOLDS and said(-1, 1, -1, 1) == STEADY and said(-1, -1, -1, -1) == FAILS
     assert said(1, 1, 1, -1) == said(1, 1, -1, -1) == said(-1, -1, 1, 1) == said(1, -1, 1, 1) == PARTLY  # truth and run do not agree
@@ -178,7 +177,7 @@ def test_of_what_the_paper_leaves_open_only_gravity_decides(overrides, threshold
 
 
 def row_of(threshold, stick, said, reason=""):
-    numbers = {"threshold_on_F0": threshold, "stick time per period, case 1 [s]": stick}
+    numbers = {"threshold_on_F0": threshold, "stick_time_case_1": stick}
     known = {name: number for name, number in numbers.items() if number is not None}
     return Outcome("a choice", "ok", Sensitivity(known, {"case 1: words": said}, reason))
 
@@ -209,8 +208,8 @@ def test_a_choice_without_a_steady_state_is_reported_by_case(monkeypatch):
     monkeypatch.setattr(paper_claims, "stick_threshold", lambda scene: StickThreshold(4.2119563, 1e-9, (4.2, 4.3)))
     monkeypatch.setattr(paper_claims, "claims", lambda: ())
     found = sensitivity(CASES, {})
-    assert found.reason == "case 2: no steady state of up to 8 periods" and not any("case 2" in name for name in found.numbers)
-    assert found.numbers["stick time per period, case 1 [s]"] == pytest.approx(0.5323, abs=5e-5)
+    assert found.reason == "case 2: no steady state of up to 8 periods" and not any("case_2" in name for name in found.numbers)
+    assert found.numbers["stick_time_case_1"] == pytest.approx(0.5323, abs=5e-5)
 
 
 def test_forces_of_a_driven_mechanism_are_not_always_computed_easily():

@@ -12,6 +12,7 @@ from stiction.comparisons.results import Results
 from stiction.comparisons.studies.study import Scope
 from stiction.comparisons.studies.torque_jumps import plan, present, windows_table
 from stiction.comparisons.truth import CLOSED_FORM, Truth
+from stiction.comparisons.variants import COEFFICIENTS, Coefficients
 from stiction.scenes import Event, InputError, Trajectory, load_scene
 
 EFFORT = "motor.effort"
@@ -126,9 +127,9 @@ def test_windows_are_around_the_largest_events_as_each_run_has_them():
 
 def test_the_central_figure_shows_each_method_over_the_time_from_its_own_true_event():
     table, records = windows()
-    rows = [{**about(one), "truth": truth, "event": 0, "true_jump": -2.0, "resolved": True,
+    rows = [{**about(one), "truth": truth, COEFFICIENTS: str(coefficients), "event": 0, "true_jump": -2.0, "resolved": True,
              "jump_bound": 0.1, "time_error": 0.0}
-            for one, truth in zip(records, ("a", "a (mus = mu)"))]
+            for one, truth, coefficients in zip(records, ("a", "a (mus = mu)"), Coefficients)]
     said = present(Results(tuple(records), {}, {"torque": pd.DataFrame(rows), "event-windows": table}))
     [figure] = [figure for figure in said.figures if figure.name == "torque-events"]
     assert [panel.title for panel in figure.panels] == ["A, reversal", "A, stick"] * 2 and figure.columns == 2

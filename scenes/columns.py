@@ -75,3 +75,9 @@ def unit_of(column: str, scene: Scene | None = None) -> str:
     if name == "effort" and scene is not None:
         return "N m" if scene.drives[owner].type == "angle" else "N"
     return "s" if column == "t" else next((entry.unit for entry in COLUMNS if name in entry.names), "")
+
+
+def meaning_of(column: str) -> str:
+    """What a trajectory's column has, in words; empty for one that is not of the `COLUMNS`."""
+    name = column.rpartition(".")[2]
+    return next((entry.meaning for entry in COLUMNS if name in entry.names), "")

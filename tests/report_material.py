@@ -91,7 +91,7 @@ def validation_of(records: list[Record], truths: dict) -> Results:
     return Results(tuple(records), truths, {
         "accuracy": pd.DataFrame([{**record.describe(), COEFFICIENTS: str(Coefficients.BOTH), **errors(record.trajectory, truth_for[record.key], size_of(load_scene(CASE)))} for record in records]),
         "drift": pd.DataFrame([{**record.describe(), **drift(record.trajectory)} for record in records]), "threshold": threshold,
-        "torque": torque_table(records, truth_for), "claims": claims, **study_tables()}, {"engines": ["a", "b"]}, 12.5, 20.25)
+        "torque": torque_table(records, truth_for).assign(**{COEFFICIENTS: str(Coefficients.BOTH)}), "claims": claims, **study_tables()}, {"engines": ["a", "b"]}, 12.5, 20.25)
 
 
 def hard_table() -> pd.DataFrame:

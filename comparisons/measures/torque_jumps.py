@@ -14,7 +14,7 @@ from scipy.stats import t as student
 
 from stiction.comparisons.measures.accuracy import has_two_sided_events
 from stiction.comparisons.truth import NO_TRUTH, Truth
-from stiction.comparisons.variants import UNMADE, Record, coefficients_of
+from stiction.comparisons.variants import UNMADE, Record
 from stiction.scenes import Event, Trajectory
 
 SAMPLES, GAP = (6, 10), 5
@@ -64,10 +64,10 @@ def torque_table(records: Iterable[Record], truths: Mapping[str, Truth], effort:
     for record in records:
         truth = truths[record.key]
         if truth.tier == NO_TRUTH or record.outcome.status in UNMADE:
-            rows.append({**record.describe(), **coefficients_of(record.variant), "truth": truth.scene, "effort": effort, "truth_tier": truth.effort_tier,
+            rows.append({**record.describe(), "truth": truth.scene, "effort": effort, "truth_tier": truth.effort_tier,
                          "truth_note": truth.note})
             continue
-        rows += [{**record.describe(), **coefficients_of(record.variant), "truth": truth.scene, **row}
+        rows += [{**record.describe(), "truth": truth.scene, **row}
                  for row in jump_rows(record.trajectory, truth, effort)]
     return pd.DataFrame(rows)
 

@@ -24,7 +24,7 @@ from stiction.comparisons.studies.accuracy import ROW_HEIGHT, compared_runs, ste
 from stiction.comparisons.studies.study import Scope, Study, Tables
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.comparisons.uncertain import rounded_up
-from stiction.comparisons.variants import COEFFICIENTS, UNMADE, Record, time_factor
+from stiction.comparisons.variants import COEFFICIENTS, UNMADE, Record, coefficients_of, time_factor
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Event, InputError, Scene
 
@@ -59,7 +59,9 @@ def plan(scope: Scope) -> Comparison[Tables]:
             own = [record for record in records if record.scene == scene.name]
             truths = truths_for(scene, own, scope.t_end)
             all_truths |= truths
-            jumps.append(torque_table(own, truths, efforts[scene.name]))
+            coefficients = {record.key: coefficients_of(record.variant)[COEFFICIENTS] for record in own}
+            table = torque_table(own, truths, efforts[scene.name])
+            jumps.append(table.assign(**{COEFFICIENTS: table["key"].map(coefficients)}))
             windows.append(windows_table(own, truths, efforts[scene.name], time_factor(scene, scope.t_end)))
         known = {truth.scene: truth for truth in all_truths.values() if truth.tier != NO_TRUTH}
         tables = {"torque": pd.concat(jumps, ignore_index=True), WINDOWS: pd.concat(windows, ignore_index=True)}

@@ -19,9 +19,10 @@ from stiction.reports.figures.style import Drawing, rc, save_all
 from stiction.reports.markdown.failures import failed_runs, grouped
 from stiction.reports.markdown.study_section import figure, study_section
 from stiction.reports.markdown.tables import fitted, markdown
-from stiction.reports.page_one import page_one
+from stiction.reports.page_one import TITLE, page_one
 from stiction.reports.report import Report
 from stiction.reports.run_folder.data import tables_of, words, write_data
+from stiction.reports.run_folder.data_package import write_data_package
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
 from stiction.reports.run_folder.provenance import commit_in_words, provenance
 from stiction.reports.run_folder.reproduce import FOLDER, write_reproduce
@@ -62,6 +63,7 @@ def write_report(report: Report, folder: str | Path) -> Path:
         (partial / REPORT).write_text(compose(report, failed, origin, drawings), encoding="utf-8")
         if len(failed):
             (partial / FAILURES).write_text(f"# Failed runs\n\n{markdown(failed)}\n", encoding="utf-8")
+        write_data_package(partial, TITLE, origin["date"])
         write_reproduce(results, origin, partial)
         write_provenance(partial, origin)
     return Path(folder) / REPORT

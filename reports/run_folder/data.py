@@ -16,14 +16,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from stiction.comparisons.complementarity.problems import write_problems
 from stiction.comparisons.presentation.cells import AGAIN, TRAJECTORY
+from stiction.comparisons.quantities import Quantity
 from stiction.comparisons.results import Results
 from stiction.comparisons.truth import Truth
 from stiction.comparisons.truth.truth import SAMPLES
 from stiction.comparisons.variants import Record
 from stiction.engines.registry import label_of
+from stiction.reports.run_folder.data_package import columns_of_motion, columns_of_table, metadata
 from stiction.reports.run_folder.reproduce import again
 from stiction.scenes import Trajectory, catalogue, load_scene
 from stiction.scenes.motion_table import with_sides
@@ -119,7 +122,7 @@ def write_data(results: Results, folder: Path, stored: Container[str]) -> None:
     for name, table in data_tables(results, stored).items():
         written = storable(table)
         written.to_csv(folder / "data" / f"{name}.csv", index=False)
-        write_frame(written, folder / "data" / f"{name}.parquet")
+        write_frame(written, folder / "data" / f"{name}.parquet", columns_of_table(name, list(written)))
     if results.problems:
         write_problems(results.problems, folder / "data" / "hard-problems.parquet")
     everything = (*results.records, *results.timed)
@@ -148,12 +151,19 @@ def thinned(trajectory: Trajectory) -> Trajectory:
     return replace(trajectory, t=trajectory.t[kept], columns=columns)
 
 
-def write_frame(frame: pd.DataFrame, file: Path) -> None:
-    """Write Parquet, bit by bit what it is; numbers split by the place of their bytes compress by a third more."""
+def write_frame(frame: pd.DataFrame, file: Path, quantities: Iterable[Quantity] | None = None) -> None:
+    """Write Parquet, bit by bit what it is; numbers split by the place of their bytes compress by a third more.
+
+    The metadata of each column say what it is: by `quantities`, in the order of the columns, or as of a trajectory.
+    """
     numbers = [name for name, column in frame.items() if column.dtype == float]
-    frame.to_parquet(file, index=False, compression="zstd", compression_level=9,
-                     use_dictionary=[name for name in frame if name not in numbers],
-                     column_encoding=dict.fromkeys(numbers, "BYTE_STREAM_SPLIT"))
+    table = pa.Table.from_pandas(frame, preserve_index=False)
+    about = columns_of_motion(frame) if quantities is None else quantities
+    fields = [table.schema.field(quantity.key).with_metadata(metadata(quantity)) for quantity in about]
+    table = table.cast(pa.schema(fields, table.schema.metadata))
+    pq.write_table(table, file, compression="zstd", compression_level=9,
+                   use_dictionary=[name for name in frame if name not in numbers],
+                   column_encoding=dict.fromkeys(numbers, "BYTE_STREAM_SPLIT"))
 
 
 def truth_file(name: str) -> str:

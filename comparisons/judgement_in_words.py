@@ -63,7 +63,7 @@ def _answer(judged: Judgement) -> TracedText:
     row, misread = table.loc[worst], list(table.loc[table["is_input"], "column"])
     return traced("Largest {}error: {} {}, {}{}; truth: {}.{}", "position " if known else "",
                   value("errors", table, worst, "error"), row["unit"], row["column"],
-                  "" if pd.isna(row["error_time"]) else f" at t = {row['at t [s]']:.6g} s", row["tier"],
+                  "" if pd.isna(row["error_time"]) else f" at t = {row['error_time']:.6g} s", row["tier"],
                   f" Other units, signs or origins: {', '.join(misread)}?" if misread else "")
 
 
@@ -203,7 +203,7 @@ def _figures(judged: Judgement) -> Iterator[Chart]:
         top = top[off[top] > 0]  # a logarithmic axis has no zero
         differences.append(Series(name, run.t[top], off[top].to_numpy(), look=name))
     if any(len(one.x) for one in differences):
-        panels.append(Panel("positions", Axis("time [s]"), Axis("difference [m]", log=True), differences))
+        panels.append(Panel("positions", Axis("time"), Axis("difference [m]", log=True), differences))
     true = judged.tables["stick-phases"].query("verdict != @INVENTED")
     shades = list(zip(true["begin"], true["end"]))
     t, every = np.linspace(run.t[0], run.t[-1], DRAWN), slice(None, None, -(-len(run.t) // POINTS))
@@ -211,7 +211,7 @@ def _figures(judged: Judgement) -> Iterator[Chart]:
     for name, label in drawn + [(f"{drive}.effort", "effort [N m or N]") for drive in judged.scene.drives]:
         if name in known and name in run:
             times, values = truth_over_time(judged.truth, name, t)
-            panels.append(Panel(name, Axis("time [s]"), Axis(label), [
+            panels.append(Panel(name, Axis("time"), Axis(label), [
                 Series("truth", times, values, look=TRUTH),
                 Series("table", run.t[every], run[name][every], look="table", line=False, points=True,
                        hollow=True)], shades=shades))

@@ -2,7 +2,7 @@
 
     def test_slider_bar(stiction_scene):
         numbers = stiction_scene("slider-bar-case-1", "my_solver:MySolver", dt=1e-3)
-        assert numbers["position error [m]"] < 1e-4
+        assert numbers["position_error"] < 1e-4
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def stiction_scene(request: pytest.FixtureRequest) -> Callable[..., dict[str, fl
     -------
     dict of float
         Errors against the best truth there is, events, drift and counters, as far as scene and engine have them:
-        ``"position error [m]"``, ``"velocity error [m/s]"``, ``"torque error, L1 mean [N m]"``,
-        ``"event time error [s]"``, ``"events missed"``, ``"position drift, max [m]"``, ``"steps"``, ..
+        ``"position_error"``, ``"velocity_error"``, ``"torque_error"``,
+        ``"event_time_error"``, ``"events_missed"``, ``"position_drift"``, ``"steps"``, ..
 
     A run that fails, or ends early, fails the test with the engine's own words.
     """

@@ -121,7 +121,7 @@ def test_beside_packages_of_the_users(theirs):
     table = np.genfromtxt(theirs / "pendulum.csv", delimiter=",", names=True, deletechars="")
     assert table["t"][-1] == 1.0
     (theirs / "test_it.py").write_text("def test_it(stiction_scene):\n"
-                                       "    assert stiction_scene('pendulum', 'reference', rtol=1e-8)['position error [m]'] < 1e-6\n")
+                                       "    assert stiction_scene('pendulum', 'reference', rtol=1e-8)['position_error'] < 1e-6\n")
     assert "1 passed" in run(sys.executable, "-m", "pytest", "-q", "test_it.py", cwd=theirs)
 
 

@@ -10,7 +10,7 @@
     conditions = "AMD EPYC (znver4, avx512f); python 3.11, numpy 2.4.6, scipy 1.17.1, numba 0.68.1"
     status = "ok"
     reason = ""
-    accuracy."position error [m]" = { value = 2.1e-10, uncertainty = 1.1e-13, tier = "closed form", rounding = 3.2e-13 }
+    accuracy."position_error" = { value = 2.1e-10, uncertainty = 1.1e-13, tier = "closed form", rounding = 3.2e-13 }
     counter."rhs" = { value = 2310, tier = "our own run", rounding = 0 }
 
     [runs."pendulum/truth"]

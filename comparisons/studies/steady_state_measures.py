@@ -290,7 +290,7 @@ class Measure:
     def quantity(self) -> Quantity:
         """What its column is."""
         label = f"{self.name} of {self.element}" if self.element else self.name
-        return Quantity(self.column, label, self.unit)
+        return Quantity(self.column, label, "" if self.unit == "-" else self.unit)
 
     def source(self, scene: Scene) -> str:
         """The column of a run that it is of; none where that is of nothing."""

@@ -48,7 +48,7 @@ def engine_costs(scene: Scene) -> Iterator[str]:
         if row["status"] == "ok" and not row["reason"]:
             total, own = (1e6 * row[name] / (PERIOD / COMMON_STEP) for name in ("cpu_time", OWN_CPU))
             mark = f" ({notes.setdefault(row['timing'], len(notes) + 1)})" if row["timing"] else ""
-            found = [f"{total:.3g}{mark}", f"{own:.3g}", f"{total / own - 1:.1f}", f"{row['position error [m]']:.1e}"]
+            found = [f"{total:.3g}{mark}", f"{own:.3g}", f"{total / own - 1:.1f}", f"{row['position_error']:.1e}"]
         version = row["version"] if row["status"] == "ok" else ""
         yield f"| {' | '.join([row['variant'], version, *found])} |"
     yield ""

@@ -141,6 +141,9 @@ def sweep(scene: SceneName,
 
 def _show_sweep(result: Any, folder: Path) -> None:
     """Draw the maps, print their ranges and the reasons of failed points, and fail where all points failed."""
+    from stiction.comparisons.quantities import quantity_of
+    from stiction.comparisons.studies.stick_threshold import WITH_STICK, WITHOUT_STICK
+    from stiction.comparisons.studies.sweep import THRESHOLD_COLUMN
     from stiction.reports.figures.map import sweep_drawings
     from stiction.reports.figures.style import rc, save
 
@@ -150,18 +153,19 @@ def _show_sweep(result: Any, folder: Path) -> None:
     tables = {part: table for part, table in (("map", result.map), ("threshold", result.threshold))
               if table is not None}
     print(folder)
-    columns = [(part, name, table[name]) for part, table in tables.items() for name in table.columns
-               if "[" in name and not name.startswith(("window", "scanned"))]
-    scene = result.specification.scene
-    subjects = {measure.column: measure.subject(scene) for measure in result.specification.run_measures}
+    scene, measures = result.specification.scene, result.specification.run_measures
+    shown_of = {"map": [measure.quantity for measure in measures],
+                "threshold": [quantity_of(name) for name in (THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK)]}
+    columns = [(part, quantity, table[quantity.key]) for part, table in tables.items() for quantity in shown_of[part]]
+    subjects = {measure.column: measure.subject(scene) for measure in measures}
 
     def range_of(values: Any) -> tuple[str, str]:
         """The ends of a column's numbers, if it has any."""
         return ("-", "-") if values.isna().all() else (f"{values.min():.6g}", f"{values.max():.6g}")
 
     show(("table", "column", "of", "smallest", "largest", "points", "without a number"),
-         [(part, name, subjects.get(name, ""), *range_of(values), str(len(values)), str(values.isna().sum()))
-          for part, name, values in columns])
+         [(part, quantity.head, subjects.get(quantity.key, ""), *range_of(values), str(len(values)),
+           str(values.isna().sum())) for part, quantity, values in columns])
     for part, table in tables.items():
         failed = table[table["status"] != "ok"]
         for reason, points in (failed["status"] + ": " + failed["reason"]).value_counts()[:EVENTS_SHOWN].items():
@@ -180,7 +184,7 @@ def _show_bands(table: Any) -> None:
     keys = list(table.columns[:list(table.columns).index("status")])
     for row in again.to_dict("records")[:EVENTS_SHOWN]:
         point = ", ".join(f"{key} = {row[key]:g}" for key in keys)
-        print(f"threshold: above {row['threshold [N]']:.6g} N the slider sticks again {row[AGAIN]} ({point})")
+        print(f"threshold: above {row['threshold']:.6g} N the slider sticks again {row[AGAIN]} ({point})")
     if len(again) > EVENTS_SHOWN:
         print(f"threshold: .. and so at {len(again) - EVENTS_SHOWN} points more")
 

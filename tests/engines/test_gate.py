@@ -450,7 +450,7 @@ def test_an_error_within_the_mechanism_is_an_error(scene):
     assert size_of(scene) == 1.25  # m, of the bar from the origin at the start
     run, truth = Sound().simulate(scene, t_end=T_END), slider_bar_truth(scene, T_END)
     near = with_column(run, "bar.x", run["bar.x"] + 0.9 * 1.25)
-    assert errors(near, truth, size_of(scene))["position error [m]"] == pytest.approx(0.9 * 1.25)
+    assert errors(near, truth, size_of(scene))["position_error"] == pytest.approx(0.9 * 1.25)
     reach = max(1.25, np.abs(truth(run.t)["bar.x"]).max())
     far = errors(with_column(run, "bar.x", run["bar.x"] + 1.1 * reach), truth, size_of(scene))
-    assert far["status"] == "wrong" and "position error [m]" not in far
+    assert far["status"] == "wrong" and "position_error" not in far

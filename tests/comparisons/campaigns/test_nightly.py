@@ -18,6 +18,7 @@ from stiction.comparisons.campaigns.campaign import load_campaign
 from stiction.comparisons.campaigns.measurement import PATH
 from stiction.comparisons.campaigns.nightly import HISTORY
 from stiction.comparisons.campaigns.regression import IN_TURNS
+from stiction.comparisons.quantities import QUANTITIES, quantity_of
 from stiction.comparisons.timing import older_code
 from stiction.comparisons.timing.older_code import STEPPING, TOTAL, ControlRefused, times_in_turns
 from stiction.comparisons.truth import PROVEN
@@ -84,10 +85,14 @@ def small_baseline(tmp_path_factory, compiled):
     return str(place / "b.toml")
 
 
+KEYS = {quantity.head: quantity.key for quantity in (*QUANTITIES.values(), *map(quantity_of, (
+    "end:slider.x", *map(IN_TURNS.format, (TOTAL, STEPPING)))))}
+
+
 def lines(output: str) -> list[tuple[str, str]]:
-    """First and second column of the table: severity and what."""
+    """First and second column of the table: severity, and the key of what is measured."""
     rows = [[cell.strip() for cell in row.split("|")] for row in output.splitlines()]
-    return [(cells[1], cells[2]) for cells in rows if len(cells) > 7][2:]
+    return [(cells[1], KEYS.get(cells[2], cells[2])) for cells in rows if len(cells) > 7][2:]
 
 
 @pytest.mark.parametrize(("engine", "what"), [
@@ -209,7 +214,7 @@ class TestBrokenNight:
     def test_report_and_summary_are_complete(self, broken_night):
         [night] = [path for path in (broken_night[0] / "out").iterdir() if path.is_dir()]
         report, summary = (night / "report.md").read_text(), json.loads((night / "summary.json").read_text())
-        for words in ("no_such_package_anywhere", "exit code 7", "Newton did not converge", "position_error"):
+        for words in ("no_such_package_anywhere", "exit code 7", "Newton did not converge", quantity_of("position_error").head):
             assert words in report
         assert (summary["verdict"], summary["exit code"]) == ("could not run", COULD_NOT_RUN)
         assert summary["runs"] == {"ok": 3, "missing": 1, "crashed": 1, "failed": 1}
@@ -260,7 +265,7 @@ class TestWithoutABaseline:
         assert words in second.output, second.output
         for _ in range(2):  # a worse night is nothing to be held to
             worse = self.night("--engine", "damaged_solvers:Slippery", exit_code=REGRESSED)
-            assert "position_error" in worse.output, worse.output
+            assert quantity_of("position_error").head in worse.output, worse.output
 
     def test_a_first_night_without_a_run_holds_nobody(self, folder):
         """What failed in every night is no fine night."""

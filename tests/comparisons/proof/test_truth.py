@@ -117,7 +117,7 @@ def test_each_number_of_a_run_says_its_own_tier(truth):
     variant = Variant("reference", "reference", "rtol", (1e-9,))
     record = Record("key", "slider-bar-case-1", variant, 1e-9, Outcome("key", "ok", run))
     jumps = torque_table([record], {"key": truth})
-    assert len(jumps) and set(jumps["truth tier"]) == {HIGH_PRECISION}
+    assert len(jumps) and set(jumps["truth_tier"]) == {HIGH_PRECISION}
 
 
 @pytest.mark.parametrize("overrides", [{}, {"guide.mu": 0.0, "guide.mus": 0.0}])
@@ -129,7 +129,7 @@ def test_a_guide_without_friction_has_no_events_in_any_tier(overrides, compiled)
     assert Counter(event.kind for event in below.events)["corner"] > 0
     assert ground_truth(scene).tier == (HIGH_PRECISION if overrides else PROVEN)
     found = errors(ReferenceEngine().simulate(scene, rtol=1e-9), ground_truth(scene))
-    assert found["position error [m]"] < 1e-8
+    assert found["position_error"] < 1e-8
     assert not any(found.get(f"events {what}") for what in ("matched", "missed", "spurious"))
 
 

@@ -71,7 +71,7 @@ def test_failing_in_the_worst_case_does_not_improve_a_method(status, reason):
     assert cells(said)["pymunk"] == f"0.002, 1 of 3 {word}" and not wrong_numbers(said, made)
     assert closest(made)[0][:2] == ["PyBullet", "1"] and "pymunk (1 of 3)" in sentences(said)
     row = said.tables[0].frame.set_index("method").loc["pymunk"]
-    assert row["failed"] == f"case 3: {reason}" and np.isnan(row["position error [m], case 3"])
+    assert row["failed"] == f"case 3: {reason}" and np.isnan(row["position_error, case 3"])
 
 
 def test_where_every_run_failed_it_says_so():

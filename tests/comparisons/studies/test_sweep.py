@@ -212,7 +212,7 @@ def test_a_point_is_the_scene_run_alone_to_the_bit(axes, name):
         return
     for index, point in enumerate(swept.points("map")):
         row = row_of(swept, "map", index)
-        found = {key: value.hex() if key.endswith("]") else value for key, value in row.items()}
+        found = {key: value.hex() if key in MEASURES else value for key, value in row.items()}
         expected = point | alone(point)
         assert {key: found[key] for key in expected} == expected
 

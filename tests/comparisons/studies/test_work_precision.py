@@ -78,7 +78,7 @@ def test_a_run_that_is_not_timed_is_not_drawn_and_its_error_is_known(smooth):
     assert [label.rstrip(" *") for label in sorted(points)] == ["exudyn", "paper", "pymunk"]
     best = smooth.loc[smooth["variant"] == "pymunk", "position_error"].idxmin()
     untimed = smooth.assign(**{name: smooth[name].where(smooth.index != best) for name in (OWN_CPU, LOW, HIGH, "cpu_time")})
-    assert drawn(untimed) == {**points, "pymunk *": points["pymunk *"] - 1}
+    assert drawn(untimed) == {**points, "pymunk": points["pymunk"] - 1}
     def smallest(table):
         found = equal_error(table, pd.DataFrame(columns=["key", "round", OWN_CPU, "cpu_time"]))
         return found.loc[(found["variant"] == "pymunk") & (found["quantity"] == "position"), SMALLEST].iloc[0]

@@ -20,7 +20,7 @@ from stiction.comparisons.judgement_in_words import FOUND, INVENTED, MISSED, UNR
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.result_errors import TURN, column_errors
-from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.comparisons.measures.torque_jumps import SAMPLES, jump_rows
 from stiction.comparisons.presentation.presentation import Presentation
@@ -51,8 +51,11 @@ PLACES, HELD = 21, 1e-6
 is held: a truth without some of the bodies' angles leaves rounding, a free coordinate has a thousandth and more."""
 CORNERS, EDGE = ("F1", "F2", "F3", "F4"), 3
 """Corner forces of a guide, and rows on either side of a part of a table that checks of neighbours look at."""
-AT_ONCE = 2 ** 17
-"""Instants of a table that are looked at together, at most: all columns of the truth there take some 40 MB."""
+AT_ONCE = 2 ** 16
+"""Instants of a table that are looked at together, at most: all columns of a mechanism there take some 20 MB."""
+SOLVED, RUN = 2 ** 14, 2 ** 18
+"""Instants at which a truth is found together, at most: a truth keeps its columns at the last ones that it was asked
+for, and one that is our own run is integrated anew each time."""
 READING, COMPARING = 0.2, 0.5
 """Parts of the time that reading a long table, and comparing it with the truth, take."""
 PHASE = ["guide", "begin [s]", "end [s]", "duration [s]", "samples", "verdict", "fastest slip [m/s]"]
@@ -188,7 +191,8 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     truth = truth or ground_truth(scene)
     table = _within(table, min(scene.t_end, truth.t_end))
     slips = [f"{guide}.{label}" for guide in scene.guides for label in ("slip_velocity", "mode")]
-    compared = Compared(truth.columns, {*table.columns, *slips}, lambda share: done(READING + COMPARING * share))
+    compared = Compared(truth.columns, {*table.columns, *slips}, RUN if truth.tier == OWN_RUN else SOLVED,
+                        lambda share: done(READING + COMPARING * share))
     truth = replace(truth, columns=compared)
     given = _trajectory(scene, table, truth)
     derived = _derived(scene, given)
@@ -211,18 +215,18 @@ class Compared:
     """The columns of a truth, `Columns`, for a table that may be long, at whose times they are asked for repeatedly.
 
     What was found is kept: the truth of our own run is integrated at each call, and every column asks for the same
-    times. At more than `AT_ONCE` instants the truth is found part by part, and only the columns `wanted` are kept, in a
+    times. At more than `most` instants the truth is found part by part, and only the columns `wanted` are kept, in a
     temporary file. `tell` is called with the part of the first such search that is done.
     """
 
-    def __init__(self, columns: Columns, wanted: Collection[str], tell: Callable[[float], None]):
-        self._columns, self._wanted, self._tell = columns, wanted, tell
+    def __init__(self, columns: Columns, wanted: Collection[str], most: int, tell: Callable[[float], None]):
+        self._columns, self._wanted, self._most, self._tell = columns, wanted, most, tell
         self._found: dict[tuple[bytes, str], Mapping[str, np.ndarray]] = {}
 
     def __call__(self, t: np.ndarray, side: str) -> Mapping[str, np.ndarray]:
         key = hashlib.sha256(np.ascontiguousarray(t)).digest(), side
         if key not in self._found:
-            self._found[key] = self._columns(t, side) if len(t) <= AT_ONCE else self._in_parts(t, side)
+            self._found[key] = self._columns(t, side) if len(t) <= self._most else self._in_parts(t, side)
         return self._found[key]
 
     def _in_parts(self, t: np.ndarray, side: str) -> Mapping[str, np.ndarray]:
@@ -230,7 +234,7 @@ class Compared:
             found = self._columns(np.array(t[part]), side)
             self._tell(part.stop / len(t))
             return {name: values for name, values in found.items() if name in self._wanted}
-        return collected(len(t), AT_ONCE, made)
+        return collected(len(t), self._most, made)
 
 
 def _within(table: ResultTable, t_end: float) -> ResultTable:

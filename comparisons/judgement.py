@@ -19,6 +19,8 @@ import pandas as pd
 from stiction.comparisons.judgement_in_words import FOUND, INVENTED, MISSED, UNRESOLVED, presentation
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
 from stiction.comparisons.measures.drift import drift
+from stiction.comparisons.measures.other_parameters import COLUMNS as OTHER
+from stiction.comparisons.measures.other_parameters import explanations
 from stiction.comparisons.measures.result_errors import TURN, column_errors
 from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
@@ -66,8 +68,8 @@ PHASE = ["guide", "begin [s]", "end [s]", "duration [s]", "samples", "verdict", 
 class Judgement:
     """What a table of results is worth.
 
-    `tables`: ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``; there may
-    be no rows. `trajectory`: the table, one row per instant, both sides of jumps as events, with displacements, slip
+    `tables`: ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``,
+    ``other-parameters`` (a row per hypothesis that was tried, see `explanations`); there may be no rows. `trajectory`: the table, one row per instant, both sides of jumps as events, with displacements, slip
     velocities and drift that follow from its columns.
     """
 
@@ -201,10 +203,14 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     done(READING + COMPARING)
     phases = [] if truth.tier == NO_TRUTH else [
         phase for guide in scene.frictional_guides for phase in _stick_phases(scene, full, truth, guide)]
+    # a table that must be read in another way, or is a row late, is explained by that
+    others = [] if truth.tier == NO_TRUTH or (errors_of_columns["hint"] != "").any() else explanations(
+        scene, table, truth)
     summary = _summary(scene, table, replace(full, columns=Joined(derived, full.columns)), truth)
     judged = Judgement(scene, table, truth, {
         "errors": errors_of_columns, "summary": pd.DataFrame([summary]),
         "stick-phases": pd.DataFrame(phases, columns=PHASE),
+        "other-parameters": pd.DataFrame([one.row() for one in others], columns=OTHER),
         "jumps": pd.DataFrame([*_jumps(scene, full, truth)] or {"effort": []}),
         "findings": pd.DataFrame({"finding": list(_findings(scene, full, given.columns))}, dtype=object)}, full)
     done(1.0)

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.measures.accuracy import TORQUE_ERROR, truth_over_time
+from stiction.comparisons.measures.other_parameters import Hypothesis
 from stiction.comparisons.measures.result_errors import COARSE, UNDETERMINED
 from stiction.comparisons.measures.scene_truth import OWN_RTOL, OWN_RUN
 from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Panel, Presentation, Series, TableView,
@@ -45,7 +46,7 @@ BALANCED = (
 
 def presentation(judged: Judgement) -> Presentation:
     """Say what a table of results is worth: errors, stick phases, jumps, drift, energy, and what samples can show."""
-    findings = [*_truth(judged), *_reading(judged), *_summed(judged, SUMMED), *_accelerations(judged),
+    findings = [*_truth(judged), *_reading(judged), *_other_parameters(judged), *_summed(judged, SUMMED), *_accelerations(judged),
                 *_stick_phases(judged), *_jumps(judged), *_summed(judged, BALANCED), *_not_judged(judged)]
     return Presentation(_answer(judged), tuple(filter(None, findings)), (), tuple(_tables(judged)),
                         tuple(_figures(judged)), NOTES)
@@ -90,6 +91,29 @@ def _reading(judged: Judgement) -> Iterator[TracedText]:
         yield TracedText(f"{', '.join(columns)}: {cause}" + "." * (not cause.endswith("?")) + kept)
     if not judged.is_complete:
         yield from _summed(judged, [PART])
+
+
+def _other_parameters(judged: Judgement) -> Iterator[TracedText]:
+    """The parameter with which the scene's motion is that of the table, where one alone explains the errors."""
+    name, table = "other-parameters", judged.tables["other-parameters"]
+    for row in table.index[table["named"].astype(bool)]:
+        cause = Hypothesis(table.at[row, "hypothesis"])
+        known = not pd.isna(table.at[row, "value"])
+        size = value(name, table, row, "value" if known else "factor", form=".6g")
+        what, question = {
+            Hypothesis.ONE_COEFFICIENT: ("mus = mu", "is the static coefficient used?"),
+            Hypothesis.KINETIC: ("mu", "is another kinetic coefficient used?"),
+            Hypothesis.FRICTION: ("mu (and mus in proportion)", "are other coefficients of friction used?"),
+            Hypothesis.GRAVITY: ("g", "is another g used?")}[cause]
+        if cause is Hypothesis.ONE_COEFFICIENT:
+            found, number = "{}", (what,)
+        elif known:
+            found, number = "{} = {}" + " m/s²" * (cause is Hypothesis.GRAVITY), (what, size)
+        else:
+            found, number = "{} times {}", (what, size)
+        yield traced("The table agrees with " + found + ": errors are {} of the motion's size then, and {} as the scene "
+                     "is; {}", *number, value(name, table, row, "error after", form=".2g"),
+                     value(name, table, row, "error before", form=".2g"), question)
 
 
 def _summed(judged: Judgement, sentences: Iterable[Sequence[str]]) -> Iterator[TracedText]:

@@ -7,7 +7,7 @@ is there.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +18,7 @@ import pandas as pd
 
 from stiction.comparisons.judgement_in_words import FOUND, INVENTED, MISSED, UNRESOLVED, presentation
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
+from stiction.comparisons.measures.completed_motion import Completion, energy_of_motion, slips
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.other_parameters import COLUMNS as OTHER
 from stiction.comparisons.measures.other_parameters import explanations
@@ -192,12 +193,13 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     table = result_table(frame, scene, mapping, units, spills=True, tell=lambda share: done(READING * share))
     truth = truth or ground_truth(scene)
     table = _within(table, min(scene.t_end, truth.t_end))
-    slips = [f"{guide}.{label}" for guide in scene.guides for label in ("slip_velocity", "mode")]
-    compared = Compared(truth.columns, {*table.columns, *slips}, RUN if truth.tier == OWN_RUN else SOLVED,
+    wanted = {*table.columns, *(f"{guide}.{label}" for guide in scene.guides for label in ("slip_velocity", "mode")),
+              *(f"{body}.{label}" for body in scene.bodies for label in POSITIONS)}
+    compared = Compared(truth.columns, wanted, RUN if truth.tier == OWN_RUN else SOLVED,
                         lambda share: done(READING + COMPARING * share))
     truth = replace(truth, columns=compared)
     given = _trajectory(scene, table, truth)
-    derived = _derived(scene, given)
+    derived = _derived(scene, given, truth)
     full = replace(given, columns=Joined(given.columns, derived))
     errors_of_columns = column_errors(table, given, truth, scene)
     done(READING + COMPARING)
@@ -230,7 +232,7 @@ class Compared:
         self._found: dict[tuple[bytes, str], Mapping[str, np.ndarray]] = {}
 
     def __call__(self, t: np.ndarray, side: str) -> Mapping[str, np.ndarray]:
-        key = hashlib.sha256(np.ascontiguousarray(t)).digest(), side
+        key = hashlib.sha256(np.ascontiguousarray(t).data).digest(), side
         if key not in self._found:
             self._found[key] = self._columns(t, side) if len(t) <= self._most else self._in_parts(t, side)
         return self._found[key]
@@ -254,16 +256,16 @@ def _within(table: ResultTable, t_end: float) -> ResultTable:
     wrapped = [name for name in angles if np.ptp(columns[name]) <= TURN * (1 + 1e-6)]
     turned = {name for name in wrapped if np.any(np.abs(np.diff(columns[name])) > np.pi)}
     return replace(table, t=np.clip(table.t[:rows], 0.0, t_end), columns=columns if not turned else Joined(
-        _kept(rows, {name: lambda name=name: np.unwrap(columns[name]) for name in turned}), columns))
+        _kept(rows, turned, lambda name: np.unwrap(columns[name])), columns))
 
 
-def _kept(rows: int, made: Mapping[str, Callable[[], np.ndarray]]) -> Mapping[str, np.ndarray]:
+def _kept(rows: int, names: Iterable[str], made: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
     """Columns that are made one after another: in memory, or of many rows in a temporary file."""
     if rows <= AT_ONCE:
-        return {name: make() for name, make in made.items()}
+        return {name: made(name) for name in names}
     kept = ColumnFile(rows)
-    for name, make in made.items():
-        kept.write(name, 0, make())
+    for name in names:
+        kept.write(name, 0, made(name))
     return kept
 
 
@@ -279,7 +281,7 @@ def _trajectory(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
     rows = last[(first == last) | (t[last] == t[0]) | (t[last] == t[-1])]
     columns = table.columns
     if len(rows) < len(t):
-        columns = _kept(len(rows), {name: lambda name=name: table.columns[name][rows] for name in table.columns})
+        columns = _kept(len(rows), table.columns, lambda name: table.columns[name][rows])
     return Trajectory(scene.name, "table", "", "joint", t[rows], columns, tuple(events), mechanism=scene)
 
 
@@ -296,10 +298,11 @@ def _has(columns: Collection[str], scene: Scene, *labels: tuple[str, ...]) -> bo
     return all(f"{body}.{label}" in columns for body in scene.bodies for kind in labels for label in kind)
 
 
-def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
+def _derived(scene: Scene, found: Trajectory, truth: Truth) -> Mapping[str, np.ndarray]:
     """Displacements, slip velocities and drift that follow from what is given: from the states of all bodies.
 
-    Without velocities a slip velocity is the difference quotient of displacements.
+    Without velocities a slip velocity is the difference quotient of displacements. Where some coordinates are given
+    and determine the others, slip velocities alone: the residuals of completed states are zero by construction.
     """
     columns: Mapping[str, np.ndarray] = {}
     moves = _has(found.columns, scene, VELOCITIES)
@@ -320,10 +323,16 @@ def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
         if moves:
             return columns
         columns = Joined({"drift.velocity": np.full(len(found.t), np.nan)}, columns)
+    elif completion := Completion.of(scene, found.columns, truth):
+        known = slips(completion, found.t, found.columns)
+        columns = {name: values for name, values in known.items() if name not in found}
+        if columns:
+            return columns
     way = Joined(found.columns, columns)
-    slips = _kept(len(found.t), {f"{guide}.slip_velocity": lambda name=f"{guide}.displacement": np.gradient(
-        way[name], found.t) for guide in scene.guides if f"{guide}.displacement" in way})
-    return Joined(slips, columns)
+    named = [f"{guide}.slip_velocity" for guide in scene.guides if f"{guide}.displacement" in way]
+    quotients = _kept(len(found.t), named, lambda name: np.gradient(
+        way[f"{name.rpartition('.')[0]}.displacement"], found.t))
+    return Joined(quotients, columns)
 
 
 def prescribed(scene: Scene, truth: Truth) -> set[str]:
@@ -369,6 +378,15 @@ def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -
     if all(name in table.columns for name in needed_columns(scene)):
         row |= zip(("energy error [J]", "energy uncertainty [J]", "energy exchanged [J]"),
                    unaccounted_energy(scene, table.t, table.columns))
+        return row
+    instants = table.last
+    columns = table.columns if len(instants) == len(table.t) else Changed(
+        table.columns, lambda name, values: values[instants])
+    completion = Completion.of(scene, columns, truth)
+    found = completion and energy_of_motion(completion, table.t[instants], columns)
+    if found:
+        row |= zip(("energy of the motion, error [J]", "energy of the motion, uncertainty [J]",
+                    "energy of the motion, exchanged [J]"), found)
     return row
 
 

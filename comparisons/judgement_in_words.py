@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -40,7 +40,9 @@ SUMMED = (
     ("Times of events are off by at most {} s.", "event time error [s]"))
 BALANCED = (
     ("Constraints are violated by at most {} m; the drift is: {}.", "position drift, max [m]", "growth"),
-    ("Energy: {} J of the {} J exchanged are not accounted for.", "energy error [J]", "energy exchanged [J]"))
+    ("Energy: {} J of the {} J exchanged are not accounted for.", "energy error [J]", "energy exchanged [J]"),
+    ("Energy of the motion, with forces that follow from it and friction by Coulomb's law: {} J of the {} J exchanged "
+     "are not accounted for.", "energy of the motion, error [J]", "energy of the motion, exchanged [J]"))
 """Sentences, and the columns of the summary whose cells are in them."""
 
 
@@ -105,14 +107,11 @@ def _other_parameters(judged: Judgement) -> Iterator[TracedText]:
             Hypothesis.KINETIC: ("mu", "is another kinetic coefficient used?"),
             Hypothesis.FRICTION: ("mu (and mus in proportion)", "are other coefficients of friction used?"),
             Hypothesis.GRAVITY: ("g", "is another g used?")}[cause]
-        if cause is Hypothesis.ONE_COEFFICIENT:
-            found, number = "{}", (what,)
-        elif known:
-            found, number = "{} = {}" + " m/s²" * (cause is Hypothesis.GRAVITY), (what, size)
-        else:
-            found, number = "{} times {}", (what, size)
+        numbers: list[Any] = [what] if cause is Hypothesis.ONE_COEFFICIENT else [what, size]
+        found = "{}" if len(numbers) == 1 else "{} times {}" if not known else "{} = {}"
+        found += " m/s²" * (cause is Hypothesis.GRAVITY)
         yield traced("The table agrees with " + found + ": errors are {} of the motion's size then, and {} as the scene "
-                     "is; {}", *number, value(name, table, row, "error after", form=".2g"),
+                     "is; {}", *numbers, value(name, table, row, "error after", form=".2g"),
                      value(name, table, row, "error before", form=".2g"), question)
 
 
@@ -183,7 +182,7 @@ def _not_judged(judged: Judgement) -> Iterator[TracedText]:
                "jumps (efforts of drives)": scene.frictional_guides and scene.drives and not efforts,
                "constraint drift (positions of all bodies)": "drift.position" not in run,
                f"energy ({names([name for name in needed_columns(scene) if name not in given])})":
-               "energy error [J]" not in judged.tables["summary"]}
+               not {"energy error [J]", "energy of the motion, error [J]"} & {*judged.tables["summary"]}}
     known = set(judged.tables["errors"]["column"])
     unknown = [name for name in given if judged.truth.tier != NO_TRUTH and name not in known
                and not name.endswith(".mode") and not name.startswith("drift.")]

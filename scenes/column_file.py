@@ -49,7 +49,7 @@ class ColumnFile(Mapping[str, np.ndarray]):
         place = self._place.setdefault(name, len(self._place) + self._gaps)
         try:
             self._file.seek((place * self._stride + begin) * REAL.itemsize)
-            self._file.write(memoryview(np.ascontiguousarray(values, dtype=float)).cast("B"))
+            self._file.write(np.ascontiguousarray(values, dtype=float).data)
             self._file.flush()
         except OSError as error:
             raise NoRoom(f"temporary file in {tempfile.gettempdir()}: {error.strerror or error}; expected room for "

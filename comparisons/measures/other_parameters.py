@@ -23,6 +23,8 @@ from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import InputError, Scene, StictionError
 from stiction.scenes.columns import unit_of
+from stiction.scenes.laws import Table
+from stiction.scenes.model import Load
 from stiction.scenes.result_table import ResultTable
 
 INSTANTS = 1001
@@ -51,7 +53,7 @@ RANGE = (0.1, 10.0)
 USUAL_G = (9.8, 9.80665, 9.81, 10.0)
 """Values of g in common use, m/s²; one that explains a table as well as the fitted value (`AS_GOOD`) is taken."""
 AS_GOOD = 1.2
-COLUMNS = ["hypothesis", "factor", "value", "unit", "error before", "error after", "noise", "named"]
+COLUMNS = ["hypothesis", "element", "factor", "value", "unit", "error before", "error after", "noise", "named"]
 
 
 class Hypothesis(Enum):
@@ -61,10 +63,31 @@ class Hypothesis(Enum):
     KINETIC = "another mu"
     FRICTION = "another mu and mus"
     GRAVITY = "another g"
+    MASS = "another mass"
+    STIFFNESS = "another stiffness"
+    LOAD = "another load"
 
 
 RELATED = {Hypothesis.KINETIC, Hypothesis.FRICTION}
 """Hypotheses that are the same where no guide comes to rest: neither stands against the other."""
+
+
+RIVALS = 12
+"""Masses, stiffnesses and loads that are held against an explanation, at most: they are fitted only where there is one,
+and the parameters of a large mechanism would take minutes."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A hypothesis, and the body, spring or load that it is about; the friction of all guides and g have none."""
+
+    hypothesis: Hypothesis
+    element: str = ""
+
+    @property
+    def has_number(self) -> bool:
+        """True where there is a number to fit."""
+        return self.hypothesis is not Hypothesis.ONE_COEFFICIENT
 
 
 @dataclass(frozen=True)
@@ -77,13 +100,17 @@ class Explanation:
     explains the errors, and no other hypothesis does as well.
     """
 
-    hypothesis: Hypothesis
+    parameter: Parameter
     factor: float
     value: float
     before: float
     after: float
     noise: float
     is_named: bool = False
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        return self.parameter.hypothesis
 
     @property
     def explains(self) -> bool:
@@ -93,7 +120,7 @@ class Explanation:
     def row(self) -> tuple[object, ...]:
         """As a row with `COLUMNS`."""
         unit = {Hypothesis.GRAVITY: "m/s²"}.get(self.hypothesis, "")
-        return (self.hypothesis.value, self.factor, self.value, unit, self.before, self.after, self.noise,
+        return (self.hypothesis.value, self.parameter.element, self.factor, self.value, unit, self.before, self.after, self.noise,
                 self.is_named)
 
 
@@ -103,54 +130,86 @@ def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explana
     None where the table is not off, or not in a way that a run could explain, see `OFF`. Of a table that is off some
     ten runs of the reference are made.
     """
-    hypotheses = list(_possible(scene))
-    seen = _Seen.of(scene, table, truth) if hypotheses else None
-    if seen is None:
+    parameters = list(_possible(scene))
+    seen = _Seen.of(scene, table, truth) if parameters else None
+    own = _motion(scene, seen, float(seen.t[-1])) if seen else None
+    if seen is None or own is None:
         return []
-    t_end = float(seen.t[-1])
-    own = _motion(scene, seen, t_end)
-    if own is None:
-        return []
-    before = seen.size_of(own, t_end)
-    noise = seen.noise
+    before, noise = seen.size_of(own), seen.noise
     if not max(OFF, ABOVE_NOISE * noise) < before < LOST:
         return []
-    found = []
-    for hypothesis in hypotheses:
-        factor, after = (1.0, _left(scene, hypothesis, 1.0, seen, t_end)) if hypothesis is Hypothesis.ONE_COEFFICIENT \
-            else _fitted(scene, hypothesis, seen)
-        if hypothesis is Hypothesis.GRAVITY:
-            factor, after = _usual(scene, seen, factor, after)
-        found.append(Explanation(hypothesis, math.nan if hypothesis is Hypothesis.ONE_COEFFICIENT else factor,
-                                 _value(scene, hypothesis, factor), before, after, noise))
-    found.sort(key=lambda one: one.after)
+    equal = max(noise, FITTED * before, OFF / 100)
+
+    def explained(parameter: Parameter, start: float = 1.0) -> Explanation:
+        return _explanation(scene, parameter, seen, before, start)
+
+    found = sorted(map(explained, parameters), key=lambda one: one.after)
     best = found[0]
-    equal = max(noise, FITTED * before, OFF / 10)
     # of two related ones that do as well the one that changes less is meant
-    if len(found) > 1 and {best.hypothesis, found[1].hypothesis} == RELATED and found[1].after < ALONE * max(best.after, equal):
+    if len(found) > 1 and {best.hypothesis, found[1].hypothesis} == RELATED \
+            and found[1].after < ALONE * max(best.after, equal):
         best = next(one for one in found[:2] if one.hypothesis is Hypothesis.KINETIC)
-    rivals = [one for one in found if one is not best
-              and not (best.hypothesis is Hypothesis.KINETIC and one.hypothesis is Hypothesis.FRICTION)]
-    if best.explains and all(one.after >= ALONE * max(best.after, equal) for one in rivals):
-        found = [replace(best, is_named=True), *(one for one in found if one is not best)]
-    return found
+    if not best.explains:
+        return found
+    # others must not have failed for want of a start, and what is not asked about may explain it as well
+    others = [min(one, explained(one.parameter, best.factor), key=lambda one: one.after)
+              if one.parameter.has_number and best.parameter.has_number else one for one in found if one is not best]
+    rivals = [one for one in others
+              if not (best.hypothesis is Hypothesis.KINETIC and one.hypothesis is Hypothesis.FRICTION)]
+    is_usual = best.hypothesis is Hypothesis.GRAVITY and any(math.isclose(best.value, g) for g in USUAL_G)
+    if not is_usual and all(one.after >= ALONE * max(best.after, equal) for one in rivals):
+        more = list(map(explained, _not_asked(scene)))
+        others, rivals = others + more, rivals + more
+    is_named = all(one.after >= ALONE * max(best.after, equal) for one in rivals)
+    return [replace(best, is_named=is_named), *sorted(others, key=lambda one: one.after)]
 
 
-def _possible(scene: Scene) -> Iterator[Hypothesis]:
+def _explanation(scene: Scene, parameter: Parameter, seen: _Seen, before: float, start: float) -> Explanation:
+    """A hypothesis with its number fitted, from a start on."""
+    t_end = float(seen.t[-1])
+    if not parameter.has_number:
+        after = _left(scene, parameter, 1.0, seen, t_end)
+        return Explanation(parameter, math.nan, _value(scene, parameter, 1.0), before, after, seen.noise)
+    factor, after = _fitted(scene, parameter, seen, start)
+    if parameter.hypothesis is Hypothesis.GRAVITY:
+        factor, after = _usual(scene, seen, factor, after)
+    return Explanation(parameter, factor, _value(scene, parameter, factor), before, after, seen.noise)
+
+
+def _possible(scene: Scene) -> Iterator[Parameter]:
     """The hypotheses that change something in a scene."""
     rubbing = [guide for guide in scene.frictional_guides.values() if guide.static_coefficient > 0]
     if any(guide.static_coefficient > guide.kinetic_coefficient for guide in rubbing):
-        yield Hypothesis.ONE_COEFFICIENT
+        yield Parameter(Hypothesis.ONE_COEFFICIENT)
         if any(guide.kinetic_coefficient > 0 for guide in rubbing):
-            yield Hypothesis.KINETIC
+            yield Parameter(Hypothesis.KINETIC)
     if rubbing:
-        yield Hypothesis.FRICTION
+        yield Parameter(Hypothesis.FRICTION)
     if any(scene.gravity or ()):
-        yield Hypothesis.GRAVITY
+        yield Parameter(Hypothesis.GRAVITY)
 
 
-def changed(scene: Scene, hypothesis: Hypothesis, factor: float) -> Scene:
-    """Return the scene of a hypothesis; `factor` multiplies the coefficients of all guides, or g."""
+def _not_asked(scene: Scene) -> list[Parameter]:
+    """Parameters that are never named, but may explain a table as well as one that would be; none of many."""
+    found = [Parameter(kind, name) for kind, names in (
+        (Hypothesis.MASS, scene.bodies), (Hypothesis.STIFFNESS, scene.springs), (Hypothesis.LOAD, scene.forces))
+             for name in names]
+    return found if len(found) <= RIVALS else []
+
+
+def changed(scene: Scene, parameter: Parameter, factor: float) -> Scene:
+    """Return the scene of a hypothesis; `factor` multiplies the coefficients of all guides, g, or a mass, .."""
+    hypothesis, name = parameter.hypothesis, parameter.element
+    if hypothesis is Hypothesis.MASS:
+        body = scene.bodies[name]
+        return scene.model_copy(update={"bodies": {**scene.bodies, name: body.model_copy(
+            update={"mass": factor * body.mass})}})
+    if hypothesis is Hypothesis.STIFFNESS:
+        spring = scene.springs[name]
+        return scene.model_copy(update={"springs": {**scene.springs, name: spring.model_copy(
+            update={"stiffness": factor * spring.stiffness})}})
+    if hypothesis is Hypothesis.LOAD:
+        return scene.model_copy(update={"forces": {**scene.forces, name: _scaled_load(scene.forces[name], factor)}})
     if hypothesis is Hypothesis.GRAVITY:
         x, y = scene.gravity or (0.0, 0.0)
         return scene.model_copy(update={"gravity": (factor * x, factor * y)})
@@ -166,8 +225,21 @@ def changed(scene: Scene, hypothesis: Hypothesis, factor: float) -> Scene:
     return scene.model_copy(update={"joints": joints})
 
 
-def _value(scene: Scene, hypothesis: Hypothesis, factor: float) -> float:
-    """What is used instead: g in m/s², or the coefficient of all guides where it is the same."""
+def _scaled_load(load: Load, factor: float) -> Load:
+    """A load whose law is `factor` times as large at all times."""
+    law = load.law
+    sizes = ("value", "offset", "rate", "amplitude") if not isinstance(law, Table) else ()
+    update: dict[str, object] = {name: factor * getattr(law, name) for name in sizes if hasattr(law, name)}
+    if isinstance(law, Table):
+        update["values"] = tuple(factor * value for value in law.values)
+    return load.model_copy(update={"law": law.model_copy(update=update)})
+
+
+def _value(scene: Scene, parameter: Parameter, factor: float) -> float:
+    """What is used instead: g in m/s², or the coefficient of all guides where it is the same; else nan."""
+    hypothesis = parameter.hypothesis
+    if hypothesis not in {Hypothesis.GRAVITY, Hypothesis.ONE_COEFFICIENT, *RELATED}:
+        return math.nan
     if hypothesis is Hypothesis.GRAVITY:
         return factor * math.hypot(*(scene.gravity or (0.0, 0.0)))
     values = {factor * guide.kinetic_coefficient for guide in scene.frictional_guides.values()
@@ -211,7 +283,7 @@ class _Seen:
             parts.append(off / scale)
         return np.concatenate(parts)
 
-    def size_of(self, motion: Mapping[str, np.ndarray] | None, until: float) -> float:
+    def size_of(self, motion: Mapping[str, np.ndarray] | None) -> float:
         """Root mean square of the errors; infinite where there is no motion."""
         return math.inf if motion is None else _rms(self.errors(motion))
 
@@ -261,13 +333,12 @@ def _motion(scene: Scene, seen: _Seen, until: float) -> Mapping[str, np.ndarray]
     return found if all(np.isfinite(values).all() for values in found.values()) else None
 
 
-def _left(scene: Scene, hypothesis: Hypothesis, factor: float, seen: _Seen, until: float) -> float:
-    return seen.size_of(_motion(changed(scene, hypothesis, factor), seen, until), until)
+def _left(scene: Scene, parameter: Parameter, factor: float, seen: _Seen, until: float) -> float:
+    return seen.size_of(_motion(changed(scene, parameter, factor), seen, until))
 
 
-def _fitted(scene: Scene, hypothesis: Hypothesis, seen: _Seen) -> tuple[float, float]:
-    """The factor on a parameter with the smallest error, and that error over the whole table."""
-    best = 1.0
+def _fitted(scene: Scene, parameter: Parameter, seen: _Seen, best: float) -> tuple[float, float]:
+    """The factor on a parameter with the smallest error, from a start on, and that error over the whole table."""
     for window in WINDOWS:
         until = float(seen.t[0] + window * (seen.t[-1] - seen.t[0]))
         until = float(seen.t[np.searchsorted(seen.t, until, side="right") - 1])
@@ -275,11 +346,11 @@ def _fitted(scene: Scene, hypothesis: Hypothesis, seen: _Seen) -> tuple[float, f
             continue
 
         def errors(factor: float, until: float = until) -> np.ndarray | None:
-            motion = _motion(changed(scene, hypothesis, factor), seen, until)
+            motion = _motion(changed(scene, parameter, factor), seen, until)
             return None if motion is None else seen.errors(motion)
 
         best = _gauss_newton(errors, best)
-    return best, _left(scene, hypothesis, best, seen, float(seen.t[-1]))
+    return best, _left(scene, parameter, best, seen, float(seen.t[-1]))
 
 
 def _gauss_newton(errors: Callable[[float], np.ndarray | None], start: float) -> float:
@@ -310,5 +381,5 @@ def _usual(scene: Scene, seen: _Seen, factor: float, after: float) -> tuple[floa
     """The nearest value of g in common use, where it explains as much; else the fitted one."""
     own = math.hypot(*(scene.gravity or (0.0, 0.0)))
     usual = min(USUAL_G, key=lambda g: abs(g / own - factor)) / own
-    left = _left(scene, Hypothesis.GRAVITY, usual, seen, float(seen.t[-1])) if usual != 1.0 else math.inf
+    left = _left(scene, Parameter(Hypothesis.GRAVITY), usual, seen, float(seen.t[-1])) if usual != 1.0 else math.inf
     return (usual, left) if left <= AS_GOOD * max(after, seen.noise) else (factor, after)

@@ -70,8 +70,10 @@ class Judgement:
     """What a table of results is worth.
 
     `tables`: ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``,
-    ``other-parameters`` (a row per hypothesis that was tried, see `explanations`); there may be no rows. `trajectory`: the table, one row per instant, both sides of jumps as events, with displacements, slip
-    velocities and drift that follow from its columns.
+    ``other-parameters`` (a row per hypothesis that was tried, see `explanations`); there may be no rows. `truth`: at
+    more than some ten thousand instants it has only the table's columns, and those that follow from them. `trajectory`:
+    the table, one row per instant, both sides of jumps as events, with displacements, slip velocities and drift that
+    follow from its columns.
     """
 
     scene: Scene
@@ -189,7 +191,7 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
         scene = vary(scene, {"t_end": t_end})
     if isinstance(frame, Trajectory):
         frame = frame.to_frame(events=True, interpolated=True)
-    done = tell or (lambda share: None)
+    done = _forwards(tell or (lambda share: None))
     table = result_table(frame, scene, mapping, units, spills=True, tell=lambda share: done(READING * share))
     truth = truth or ground_truth(scene)
     table = _within(table, min(scene.t_end, truth.t_end))
@@ -219,12 +221,24 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     return judged
 
 
+def _forwards(tell: Callable[[float], None]) -> Callable[[float], None]:
+    """Tell of progress only what is more than before: a truth is sought at several sets of instants."""
+    furthest = 0.0
+
+    def done(share: float) -> None:
+        nonlocal furthest
+        if share > furthest:
+            furthest = share
+            tell(share)
+    return done
+
+
 class Compared:
     """The columns of a truth, `Columns`, for a table that may be long, at whose times they are asked for repeatedly.
 
     What was found is kept: the truth of our own run is integrated at each call, and every column asks for the same
     times. At more than `most` instants the truth is found part by part, and only the columns `wanted` are kept, in a
-    temporary file. `tell` is called with the part of the first such search that is done.
+    temporary file. `tell` is called with the part of such a search that is done.
     """
 
     def __init__(self, columns: Columns, wanted: Collection[str], most: int, tell: Callable[[float], None]):

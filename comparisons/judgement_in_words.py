@@ -41,15 +41,17 @@ SUMMED = (
 BALANCED = (
     ("Constraints are violated by at most {} m; the drift is: {}.", "position drift, max [m]", "growth"),
     ("Energy: {} J of the {} J exchanged are not accounted for.", "energy error [J]", "energy exchanged [J]"),
-    ("Energy of the motion, with forces that follow from it and friction by Coulomb's law: {} J of the {} J exchanged "
-     "are not accounted for.", "energy of the motion, error [J]", "energy of the motion, exchanged [J]"))
+    ("Energy of the motion, with forces that follow from it and friction by Coulomb's law: {} J of the {} J of kinetic "
+     "energy exchanged are not accounted for.", "energy of the motion, error [J]",
+     "energy of the motion, exchanged [J]"))
 """Sentences, and the columns of the summary whose cells are in them."""
 
 
 def presentation(judged: Judgement) -> Presentation:
     """Say what a table of results is worth: errors, stick phases, jumps, drift, energy, and what samples can show."""
-    findings = [*_truth(judged), *_reading(judged), *_other_parameters(judged), *_summed(judged, SUMMED), *_accelerations(judged),
-                *_stick_phases(judged), *_jumps(judged), *_summed(judged, BALANCED), *_not_judged(judged)]
+    findings = [*_truth(judged), *_reading(judged), *_other_parameters(judged), *_summed(judged, SUMMED),
+                *_accelerations(judged), *_stick_phases(judged), *_jumps(judged), *_summed(judged, BALANCED),
+                *_not_judged(judged)]
     return Presentation(_answer(judged), tuple(filter(None, findings)), (), tuple(_tables(judged)),
                         tuple(_figures(judged)), NOTES)
 
@@ -110,8 +112,8 @@ def _other_parameters(judged: Judgement) -> Iterator[TracedText]:
         numbers: list[Any] = [what] if cause is Hypothesis.ONE_COEFFICIENT else [what, size]
         found = "{}" if len(numbers) == 1 else "{} times {}" if not known else "{} = {}"
         found += " m/s²" * (cause is Hypothesis.GRAVITY)
-        yield traced("The table agrees with " + found + ": errors are {} of the motion's size then, and {} as the scene "
-                     "is; {}", *numbers, value(name, table, row, "error after", form=".2g"),
+        yield traced("The table agrees with " + found + ": errors are {} of the motion's size then, and {} as the "
+                     "scene is; {}", *numbers, value(name, table, row, "error after", form=".2g"),
                      value(name, table, row, "error before", form=".2g"), question)
 
 

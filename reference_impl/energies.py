@@ -49,7 +49,8 @@ def energy_columns(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray
         raise InputError(f"columns: found no {', '.join(missing)}; expected states, efforts and frictions")
     found = _rates(scene, t, columns)
     lost = sum([*(-power for power in found.powers.values()), *found.losses.values()], np.zeros(len(t)))
-    works = {name: cumulative_trapezoid(power, t, initial=0) for name, power in {**found.powers, **found.losses}.items()}
+    works = {name: cumulative_trapezoid(power, t, initial=0)
+             for name, power in {**found.powers, **found.losses}.items()}
     energy = found.kinetic + found.potential
     return pd.DataFrame({"t": t, "kinetic": found.kinetic, "potential": found.potential, **works,
                          "balance": energy - energy[:1] + cumulative_trapezoid(lost, t, initial=0)})

@@ -61,7 +61,7 @@ class ColumnFile(Mapping[str, np.ndarray]):
         self._rows = rows
 
     def without(self, name: str) -> ColumnFile:
-        """This file with one column less."""
+        """Return the file with one column less."""
         del self._place[name]
         self._gaps += 1
         return self

@@ -21,7 +21,6 @@ from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.reference_impl.multibody.trajectory_columns import corner_columns
 from stiction.scenes import Scene
 from stiction.scenes.column_file import in_parts
-from stiction.scenes.trajectory import stacked
 
 RANK = 1e-9
 """Ratio of the smallest to the largest singular value of the equations of the unknown coordinates below which these are

@@ -21,12 +21,14 @@ from stiction.comparisons.truth import Truth
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import InputError, Scene, StictionError
+from stiction.scenes import Scene, StictionError
 from stiction.scenes.columns import unit_of
 from stiction.scenes.laws import Table
 from stiction.scenes.model import Load
 from stiction.scenes.result_table import ResultTable
 
+MEDIAN_OF_NORMAL = 0.6745
+"""Median of |x| of a normal distribution of deviation 1; of here - (before + behind) / 2 the variance is 1.5."""
 INSTANTS = 1001
 """Instants of a table that are compared, at most: a thousand numbers determine one."""
 RTOL = 1e-9
@@ -37,12 +39,12 @@ ones are those of most solvers, and larger ones of a motion that has nothing to 
 ABOVE_NOISE = 10.0
 """Ratio of the error to the table's own noise from which on there is something to explain."""
 EXPLAINED, QUIET, LEAST = 1e-2, 1.5, 0.1
-"""An explanation leaves at most the first part of the error, or the second times the noise of the table if that is more,
-but never more than the last part of the error. A mass, a stiffness or a load that is some per cent off looks like
+"""An explanation leaves at most the first part of the error, or the second times the noise of the table if that is
+more, but never more than the last part of the error. A mass, a stiffness or a load that is some per cent off looks like
 another friction to a twentieth of the error, and is none."""
 ALONE, FITTED = 3.0, 1e-3
-"""Factor by which every other explanation is worse than one that is named. Below the second part of the error, and below
-a tenth of `OFF`, what is left says how well a number was fitted, and not which number it was."""
+"""Factor by which every other explanation is worse than one that is named. Below the second part of the error, and
+below a hundredth of `OFF`, what is left says how well a number was fitted, and not which number it was."""
 FIRST_CHANGE, SMALLEST_CHANGE = 1e-2, 1e-7
 """Relative changes of a number: the first, by which the sensitivity is found, and that at which the fit ends."""
 WINDOWS, ROUNDS = (1 / 16, 1 / 4, 1.0), 4
@@ -120,15 +122,15 @@ class Explanation:
     def row(self) -> tuple[object, ...]:
         """As a row with `COLUMNS`."""
         unit = {Hypothesis.GRAVITY: "m/s²"}.get(self.hypothesis, "")
-        return (self.hypothesis.value, self.parameter.element, self.factor, self.value, unit, self.before, self.after, self.noise,
-                self.is_named)
+        return (self.hypothesis.value, self.parameter.element, self.factor, self.value, unit, self.before, self.after,
+                self.noise, self.is_named)
 
 
 def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explanation]:
     """Return the hypotheses that the scene allows with what they leave of a table's errors, the best first.
 
     None where the table is not off, or not in a way that a run could explain, see `OFF`. Of a table that is off some
-    ten runs of the reference are made.
+    ten to a hundred runs of the reference are made.
     """
     parameters = list(_possible(scene))
     seen = _Seen.of(scene, table, truth) if parameters else None
@@ -291,8 +293,8 @@ class _Seen:
 def _noise(table: ResultTable, truth: Truth, scales: Mapping[str, float]) -> float:
     """Scatter of a table from row to row, in parts of the motion's size, root mean square over its columns.
 
-    Second differences of an error that is smooth are small; those of independent scatter of deviation d have the
-    deviation sqrt(6) d. Their median does not depend on the few at kinks.
+    Half the second differences of an error that is smooth are small; those of independent scatter of deviation d have
+    the deviation sqrt(1.5) d. Their median does not depend on the few at kinks.
     """
     single = table.last[1:-1]
     if len(single) < 3:
@@ -311,12 +313,9 @@ def _noise(table: ResultTable, truth: Truth, scales: Mapping[str, float]) -> flo
     return _rms(np.array(scatter))
 
 
-MEDIAN_OF_NORMAL = 0.6745
-"""Median of |x| of a normal distribution of deviation 1; of here - (before + behind) / 2 the variance is 1.5."""
-
-
 def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values ** 2)))
+    largest = float(np.max(np.abs(values), initial=0.0))  # squares of huge numbers overflow
+    return largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0.0 else 0.0
 
 
 def _motion(scene: Scene, seen: _Seen, until: float) -> Mapping[str, np.ndarray] | None:
@@ -325,7 +324,7 @@ def _motion(scene: Scene, seen: _Seen, until: float) -> Mapping[str, np.ndarray]
     mechanism = Mechanism(scene, "projection")
     try:
         result = simulate_event_driven(mechanism, *consistent_start(mechanism), t, until, RTOL)
-    except (StictionError, InputError):  # a scene without a consistent start or a motion explains nothing
+    except StictionError:  # a scene without a consistent start or a motion explains nothing
         return None
     if result.termination != "end":
         return None

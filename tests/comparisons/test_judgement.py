@@ -213,3 +213,30 @@ def test_an_acceleration_or_force_that_is_off_is_named_among_the_findings(column
     assert not said(true)
     [line] = said({**true, column: factor * true[column]})
     assert line.startswith(column + " is off by ")
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+@pytest.mark.parametrize("change", [lambda frame: frame, lambda frame: only(frame, *POSITIONS), lambda frame: only(frame, "slider.x"),
+                                    lambda frame: frame.assign(**{"guide.F1": 1.2 * frame["guide.F1"], "slider.x": frame["slider.x"] + 1e-4})])
+def test_long_tables_are_judged_like_short_ones(monkeypatch, two_sided, change):
+    """The same table as a whole and in parts of some hundred rows, whose columns are in files."""
+    from stiction.comparisons import judgement
+    from stiction.comparisons.measures import accuracy, result_errors
+    from stiction.reference_impl import energies
+    from stiction.scenes import result_table
+
+    frame = change(true_table(two_sided=two_sided))
+    whole = judge(CASE, frame)
+    for module in (judgement, accuracy, result_errors, energies):
+        monkeypatch.setattr(module, "AT_ONCE", 300)
+    monkeypatch.setattr(judgement, "SOLVED", 250)
+    monkeypatch.setattr(result_table, "LARGE", 0)
+    monkeypatch.setattr(result_table, "BLOCK_ROWS", 400)
+    shares = []
+    parts = judge(CASE, frame, tell=shares.append)
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    for name in ("errors", "summary", "stick-phases", "jumps"):
+        pd.testing.assert_frame_equal(parts.tables[name], whole.tables[name], rtol=1e-3, atol=1e-9)
+    assert len(parts.tables["findings"]) == len(whole.tables["findings"])
+    words = [text.split(" at t = ")[0] for text in whole.tables["findings"]["finding"]]
+    assert [text.split(" at t = ")[0] for text in parts.tables["findings"]["finding"]] == words

@@ -43,11 +43,10 @@ def check_executor(name: str) -> None:
 def open_isolate(name: str = "processes", workers: int | None = None) -> Iterator[Isolate]:
     """Yield `stiction.engines.isolate` for ``"processes"``, or the same on a cluster.
 
-    ``"dask"`` is a scheduler in this process for the time of the block, with so many threads as workers, since the work
-    is done in their children. ``"dask:ADDRESS"`` is a scheduler on whose
-    workers stiction is installed. There the parameter ``workers`` of `isolate` has no effect. When the block ends,
-    tasks that have not begun are cancelled, and the children of those that have are ended. The tasks of a worker that
-    dies are made again on
+    ``"dask"`` is a scheduler in this process for the time of the block, with `workers` threads, each of which waits
+    for a child process that does the work. ``"dask:ADDRESS"`` is a scheduler on whose workers stiction is installed.
+    On either, the parameter ``workers`` of `isolate` has no effect. When the block ends, tasks that have not begun
+    are cancelled, and the children of those that have are ended. The tasks of a worker that dies are made again on
     another; where Dask gives them up after several workers, their outcomes are ``crashed``. Raises InputError if no
     scheduler answers, or a worker has other code or may start no processes.
     """

@@ -9,10 +9,12 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from stiction.engines.examined import MODES, POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, first
+from stiction.engines.examined import (ACCELERATIONS, MODES, POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate,
+                                       first)
 from stiction.reference_impl.multibody.initial_state import CONSISTENT
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL
+from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.reference_impl.multibody.trajectory_columns import GUIDE_COLUMNS, guide_motion, imbalance, residual_norms
 from stiction.scenes import Event
 from stiction.scenes.columns import BODY_COLUMNS
@@ -38,6 +40,23 @@ more."""
 CAP = 1e-2
 """Part of the largest friction bound of a run by which a friction may exceed its own bound at fixed step size: the
 engine holds the bound of the step before, and samples some steps from each other do not show every change of it."""
+STEPS_BALANCE = 1e-2
+"""Part of the largest force that the forces of a sample may leave unbalanced at fixed step size, beyond what the
+accelerations change to the sample before or behind."""
+LASTING = 5
+"""Samples in a row whose forces must be unbalanced for a fault at fixed step size. Friction and acceleration are those
+of neighbouring steps, which disagree where a force jumps: the engines of the suite, with steps of 1 and 10 ms on all
+scenes of the catalogue, have 2 such samples in a row at most."""
+DRIVEN = 1e-2
+"""Work that friction may do on a guide without a break, as a part of its largest size times that of the mechanism. At a
+reversal the friction of a step meets the velocity of another: the joints of the suite's engines do up to 0.0012 so."""
+NEEDED = 5e-2
+"""Part of the largest friction of a guide by which, with a fixed step, a friction may differ from that which the motion
+needs, beyond what either changes to the sample before or behind, at `LASTING` samples in a row."""
+MOST = 0.5
+"""Part of a whole that contradicts the rest, from which on no error of a step explains it: of the work of a friction
+that may leave Coulomb's cone (contacts: 0.14 at most, MuJoCo's at 10 ms), of a change of velocity that is not that by
+the accelerations (joints: 0.06 at most)."""
 FIRST_STEPS = 20
 """Steps of fixed size in which friction is not judged. The first has no step before whose reactions its bound could
 have, and up to 16 (Drake's, of mechanisms with loops) settle, whose samples have the friction of the one behind
@@ -141,15 +160,69 @@ def displacements(run: Examined) -> Iterator[str]:
                 yield from run.differs(f"{name}.{label}", expected, SAME * size, "that of its states")
 
 
+def accelerations(run: Examined) -> Iterator[str]:
+    """Accelerations are the derivatives of velocities, of joints: contacts bounce between samples.
+
+    The change of a velocity and that by the accelerations, by the trapezoidal rule, may differ by what the acceleration
+    changes to the next sample on either side. What is left may make up `MOST` of all changes.
+    """
+    if run.fidelity != "joint":
+        return
+    t = run.found.t.astype(float)
+    step, settled = np.diff(t), t[:-1] >= _settled(run)
+    _, v, a = (values * np.tile([1.0, 1.0, run.size], len(run.scene.bodies)) for values in run.motion)
+    small = ENGINES_OWN * float(np.max(np.abs(v))) + SAME * run.size  # of a mechanism at rest: rounding
+    for name, speed, rate in zip(run.columns(ACCELERATIONS), v.T, a.T):
+        change, own = _nearby_change(rate), np.diff(speed)
+        by_rate = step * (rate[1:] + rate[:-1]) / 2
+        left = np.abs(own - by_rate) - step * np.maximum(change[1:], change[:-1])
+        contradicted = np.sum(np.maximum(left, 0.0), where=settled & np.isfinite(left))
+        whole = max(np.nansum(np.abs(changes[settled])) for changes in (own, by_rate))
+        if contradicted > MOST * whole + small:
+            i = int(np.nanargmax(np.where(settled, left, -np.inf)))
+            yield (f"{name} that is not the rate of its velocity: from t = {t[i]:.9g} to {t[i + 1]:.9g} s it changes by "
+                   f"{own[i] / step[i]:.4g} a second, where the acceleration is {rate[i]:.4g} and {rate[i + 1]:.4g}")
+
+
+def dissipation(run: Examined) -> Iterator[str]:
+    """Friction takes energy from a guide that slips: friction times slip velocity is at most 0.
+
+    What it gives without a break may be `DRIVEN`, the lag of a step at a reversal or the creep of a guide at rest.
+    Friction of contacts and of regularized laws, which may leave Coulomb's cone, also does `MOST` of its work against
+    the slip. Forces that are nan are not judged.
+    """
+    found, t = run.found, run.found.t.astype(float)
+    settled = t >= _settled(run)
+    for name, guide in run.scene.frictional_guides.items():
+        friction, speed = found[f"{name}.friction"].astype(float), found[f"{name}.slip_velocity"].astype(float)
+        load = max(guide.static_coefficient, SAME) * _largest(found[f"{name}.normal_force"])  # rounding, without mu
+        allowed = DRIVEN * run.size * max(_largest(friction), load)
+        power = np.where(settled & np.isfinite(friction), np.nan_to_num(friction) * speed, 0.0)
+        given = np.maximum(power, 0.0)
+        if not run.keeps(found.settings) and np.trapezoid(given, t) <= MOST * np.trapezoid(np.abs(power), t):
+            continue
+        for begin, behind in _stretches(given > 0.0):
+            near = slice(max(0, begin - 1), behind + 1)
+            if (work := np.trapezoid(given[near], t[near])) > allowed:
+                i = begin + int(np.argmax(given[begin:behind]))
+                yield (f"{name}.friction = {friction[i]:.9g} at t = {t[i]:.9g} s, where {name}.slip_velocity = "
+                       f"{speed[i]:.9g}: from {t[begin]:.9g} to {t[behind - 1]:.9g} s friction drives the slider, and "
+                       f"gives it {work:.3g} J; expected the force on the slider, against its slip (the other sign?)")
+                break
+
+
 def balance(run: Examined) -> Iterator[str]:
-    """Newton's and Euler's equations hold at samples and on both sides of events, where an engine reports these."""
+    """Newton's and Euler's equations hold at samples and on both sides of events, where an engine reports these.
+
+    Of an engine that does not they hold to `STEPS_BALANCE`, but at a few samples in a row, see `LASTING`. Instants with
+    forces that are nan are not judged.
+    """
     found = run.found
     for part in run.parts:
         rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
         needed = {*rows, *(f"{body}.{label}" for body in part.body_names for labels in BODY_COLUMNS
                            for label in labels)}
-        if not (sides := run.sides(needed)):
-            continue
+        sides = run.sides(needed)
         joined = {name: np.concatenate([found[name].astype(float), [side[name] for *_, side in sides]])
                   for name in needed}
         t = np.concatenate([found.t.astype(float), [time for _, time, _ in sides]])
@@ -159,10 +232,44 @@ def balance(run: Examined) -> Iterator[str]:
             force[:, column] = joined[name]
         left, size = imbalance(part.arrays, workspace(part.arrays), t, q, v, a, force)
         largest = np.max(size[np.isfinite(size)], initial=0.0)
-        if (i := first(left > BALANCE * largest)) is not None:
+        part_of_it = BALANCE if sides else STEPS_BALANCE
+        wrong = left > part_of_it * largest
+        if not sides:
+            rates = a / np.sqrt(part.arrays.inverse_mass)  # in the units of `imbalance`
+            change = np.max([_nearby_change(rate) for rate in rates.T], axis=0)
+            wrong = (left > part_of_it * largest + change) & (t >= _settled(run))
+            for begin, behind in _stretches(wrong):
+                wrong[begin:behind] = behind - begin >= min(LASTING, len(t) - 1)
+        if (i := first(wrong)) is not None:
             where = f" ({sides[i - len(found.t)][0]})" if i >= len(found.t) else ""
             yield (f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / largest:.2g} "
-                   f"of the largest is left over; expected less than {BALANCE:g}")
+                   f"of the largest is left over; expected less than {part_of_it:g}")
+
+
+def needed_friction(run: Examined) -> Iterator[str]:
+    """Friction is the force along the guide that the motion needs, where that alone determines it (`recover_columns`).
+
+    In the balance of all forces a heavy body hides the friction of a light one. Where events have values on both sides
+    `balance` is strict enough.
+    """
+    found, t = run.found, run.found.t.astype(float)
+    for part in run.parts:
+        guides = [name for name in part.guide_names if name in run.scene.frictional_guides]
+        if not guides or run.sides(set(run.columns(POSITIONS))):
+            continue
+        needed = recover_columns(part.scene, t, *(stacked(found.columns, part.body_names, labels)
+                                                  for labels in BODY_COLUMNS))
+        for column in (f"{name}.friction" for name in guides):
+            given, expected = found[column].astype(float), needed[column]
+            rounding = SAME * _largest(found[column.replace(".friction", ".normal_force")])
+            allowed = (NEEDED * max(_largest(given), _largest(expected)) + rounding
+                       + _nearby_change(given) + _nearby_change(expected))
+            wrong = (np.abs(given - expected) > allowed) & (t >= _settled(run))
+            for begin, behind in _stretches(wrong):
+                if behind - begin >= min(LASTING, len(t) - 1):
+                    yield (f"{column} = {given[begin]:.9g} at t = {t[begin]:.9g} s; expected {expected[begin]:.9g} within "
+                           f"{allowed[begin]:.2g} N, the force along the guide that accelerations and other forces need")
+                    break
 
 
 def corner_forces(run: Examined) -> Iterator[str]:
@@ -280,7 +387,7 @@ def cone(run: Examined) -> Iterator[str]:
     force = max(*map(_largest, loads.values()),
                 max(body.mass for body in run.scene.bodies.values()) * fastest ** 2 / run.size)
     allowed = _baumgarte_force(run) + max(SAME, 10.0 * float(settings.get("rtol") or 0.0)) * force
-    begins = 0.0 if located else FIRST_STEPS * float(settings.get("dt", 0.0))
+    begins = 0.0 if located else _settled(run)
     if not located:
         allowed += CAP * max(guide.static_coefficient * _largest(loads[name]) for name, guide in guides.items())
     for name, guide in guides.items():
@@ -326,7 +433,7 @@ def _while_moving(predicate: Predicate) -> Predicate:
 
 
 PREDICATES: tuple[Predicate, ...] = (start, residuals, residuals_at_events, *map(_while_moving, (
-    velocities, displacements, balance, corner_forces, modes, unreported_events, cone, continuity)))
+    velocities, accelerations, displacements, dissipation, needed_friction, balance, corner_forces, modes, unreported_events, cone, continuity)))
 
 
 def _speed(run: Examined, v: np.ndarray) -> float:
@@ -355,6 +462,16 @@ def _changes(h: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Change of velocities between instants, by themselves or by the accelerations at either, shape (n - 1,)."""
     second = np.linalg.norm(a, axis=1)
     return np.maximum(np.linalg.norm(np.diff(v, axis=0), axis=1), h * np.maximum(second[1:], second[:-1]))
+
+
+def _settled(run: Examined) -> float:
+    """Time from which on forces are judged, s: that of `FIRST_STEPS` of a fixed step."""
+    return FIRST_STEPS * float(run.found.settings.get("dt") or 0.0)
+
+
+def _stretches(flags: np.ndarray) -> np.ndarray:
+    """First place and place behind the last of each stretch of true flags, shape (stretches, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int))).reshape(-1, 2)
 
 
 def _nearby_change(values: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -84,6 +85,29 @@ def test_mistake_of_the_mechanics_stops_at_the_first_scene_that_shows_it(declare
     *right, wrong = conformance(declared(before), 120)
     assert all(trial.verdict == "right" for trial in right)
     assert (wrong.scene, wrong.verdict in ("wrong", "failed")) == (scene, True), (right, wrong)
+
+
+@pytest.mark.parametrize(("behind", "scene", "words"), [
+    ("every(['friction'], lambda f: -f)", "block-on-incline", "friction drives the slider"),
+    ("every(['friction'], lambda f: 1.3 * f)", "block-on-incline", "guide.friction"),
+    ("every(['friction'], lambda f: 0.5 * f)", "block-on-incline", "guide.friction"),
+    ("every(['ax', 'ay'], lambda a: -a)", "free-body", "not the rate of its velocity")], ids=["sign", "more", "half", "acceleration"])
+def test_mistake_of_the_forces(declared, behind, scene, words):
+    """Positions and velocities are right."""
+    *_, wrong = conformance(declared(behind=behind), 120)
+    assert (wrong.scene, wrong.verdict) == (scene, "wrong") and words in "\n".join(wrong.words)
+
+
+def test_forces_that_no_gate_can_judge_are_held_to_the_truth():
+    """Another normal force and another effort with it balance only for who looks at all rows: here at the table alone."""
+    from stiction.comparisons.conformance import _faults
+    from stiction.comparisons.judgement import judge
+    scene = conformance_scenes()[3]
+    run = PymunkEngine().simulate(scene, dt=1e-3)
+    assert not list(_faults(judge(scene, run)))
+    for name, factor in (("guide.normal_force", 1.1), ("motor.effort", -1.0), ("guide.friction", 0.8), ("pin.fx", 0.5)):
+        words = "\n".join(_faults(judge(scene, replace(run, columns={**run.columns, name: factor * run[name]}))))
+        assert name in words, (name, words)
 
 
 def test_a_refusal_is_none(declared):

@@ -280,6 +280,49 @@ def test_velocities_that_are_not_those_of_the_positions(name, only, factor):
         Hasty().simulate(load_scene(name), factor=factor, **asked)
 
 
+class Stepped(Sound):
+    """As of a fixed step: no events, no modes, frictions times a factor, the columns of ``kind`` times `kind_factor`; the other forces are recovered."""
+
+    name, own = "stepped", {"friction": 1.0, "kind": "", "kind_factor": 1.0, "late": 0}
+
+    def locates_events(self, fidelity, settings):
+        return False
+
+    def changed(self, run, scene, friction, kind, kind_factor, late):
+        kinds = {"length": (0, 1), "rate": (1,), "acceleration": (2,), "": ()}[kind]
+        motion = motion_of(run, scene)
+        for k in (0, 1, 2) if kind == "length" else kinds:
+            motion[k][:, [label not in ("angle", "omega", "alpha") for _ in scene.bodies for label in BODY_COLUMNS[k]]] *= kind_factor
+        known = {f"{guide}.friction": friction * np.concatenate([np.repeat(run[f"{guide}.friction"][:1], late), run[f"{guide}.friction"][:len(run.t) - late]])
+                 for guide in scene.frictional_guides}
+        return replace(run, columns=recover_columns(scene, run.t, *motion, known), events=(), settings={**run.settings, "dt": 1e-3})
+
+
+SLIDING = ["block-on-incline", "slider-bar-case-1", "coulomb-oscillator", "mass-on-belt"]
+
+
+@pytest.mark.parametrize("name", SLIDING)
+@pytest.mark.parametrize("late", [0, 1])
+def test_friction_of_a_fixed_step_that_is_right_or_a_sample_late_passes(name, late):
+    """A sample late at a reversal friction and velocity have one sign for a sample, and forces do not balance there."""
+    run = Stepped().simulate(load_scene(name), rtol=1e-8, late=late)
+    assert run.termination == "end"
+
+
+@pytest.mark.parametrize("name", SLIDING)
+@pytest.mark.parametrize(("friction", "words"), [(-1.0, "friction drives the slider, and gives it"), (0.0, "the force along the guide that"), (0.5, "the force along the guide that")])
+def test_friction_of_a_fixed_step_that_does_not_move_the_mechanism_as_it_moves(name, friction, words):
+    with pytest.raises(BadTrajectory, match=words):
+        Stepped().simulate(load_scene(name), rtol=1e-8, friction=friction)
+
+
+@pytest.mark.parametrize(("kind", "factor"), [("acceleration", -1.0), ("acceleration", 1e3), ("acceleration", 1e-3), ("rate", 1e-3), ("length", 1e3)])
+def test_columns_in_millimetres_or_of_the_other_sign(kind, factor):
+    """On the incline positions and velocities in millimetres meet all constraints; accelerations and forces do not follow."""
+    with pytest.raises(BadTrajectory):
+        Stepped().simulate(load_scene("block-on-incline"), rtol=1e-8, kind=kind, kind_factor=factor)
+
+
 @pytest.mark.parametrize(("changed", "words"), [
     ({"mu": 1.05}, r"outside Coulomb's cone; expected -?\d\.\d+ in slip, by the load of its corners"),
     ({"mu": 0.95}, r"outside Coulomb's cone; expected -?\d\.\d+ in slip"),

@@ -20,9 +20,12 @@ from stiction.engines.registry import absolute_name, load_engine
 from stiction.scenes import Scene, Trajectory, load_scene, scene_from_dict, vary
 
 LIMIT = 0.02
-"""Largest error of a position, or of a velocity, as a part of the column's size or of the mechanism's; of a force the
-mean over time, beyond what is not known between two rows, as a part of the column's size or `SLIGHT` of the largest
-force's. The engines of the suite, with steps of 1 ms, are off by 0.01 of a friction at most."""
+"""Largest error of a position, or of a velocity, as a part of the column's size or of the mechanism's.
+
+Of a force or an acceleration it is the mean error over time, beyond what is not known between two rows, as a part of
+the column's size or of `SLIGHT` times the largest one's. The engines of the suite, with steps of 1 ms, are off by 0.01
+of a friction at most.
+"""
 SLIGHT = 0.1
 """Part of the largest force (moment) below which a force is too small to be judged by its own size."""
 STEP, TOLERANCE, OUTPUT_STEP = 1e-3, 1e-8, 0.01
@@ -100,9 +103,11 @@ def _faults(found: Judgement) -> Iterator[str]:
     if not found.is_complete:
         yield f"time grid: goes from {t[0]:g} to {t[-1]:g} s; expected 0 to {scene.t_end:g} s"
     rows = found.tables["errors"].set_index("column")
-    is_force = rows["unit"].isin(["N", "N m"])
+    is_force = rows["unit"].isin(["N", "N m", "m/s²", "rad/s²"])  # or an acceleration: they jump
     # a force is judged by its own size, one that is next to nothing by that of the others
-    scale = rows["size"].groupby(rows["unit"]).transform("max") * SLIGHT
+    largest = rows["size"].groupby(rows["unit"]).max()
+    largest["rad/s²"] = max(largest.get("rad/s²", 0.0), largest.get("m/s²", 0.0) / size_of(scene))
+    scale = rows["unit"].map(largest) * SLIGHT
     limits = LIMIT * np.maximum(rows["size"], scale.where(is_force, size_of(scene)))
     beyond = rows["error"] - rows["uncertainty"].where(is_force, 0.0)
     judged = (rows["measure"] == "largest") | is_force

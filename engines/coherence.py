@@ -163,8 +163,11 @@ def displacements(run: Examined) -> Iterator[str]:
 def accelerations(run: Examined) -> Iterator[str]:
     """Accelerations are the derivatives of velocities, of joints: contacts bounce between samples.
 
-    The change of a velocity and that by the accelerations, by the trapezoidal rule, may differ by what the acceleration
-    changes to the next sample on either side. What is left may make up `MOST` of all changes.
+    The change of a velocity and that by the accelerations, by the trapezoidal rule, both with their means removed, may
+    differ by what the acceleration changes to the next sample on either side. What is left may make up `MOST` of all
+    changes. Nothing is known of means: a motion that repeats itself from sample to sample has one acceleration at all
+    of them, and one velocity. Nor is anything known where velocities change by much of their size
+    from sample to sample.
     """
     if run.fidelity != "joint":
         return
@@ -173,15 +176,18 @@ def accelerations(run: Examined) -> Iterator[str]:
     _, v, a = (values * np.tile([1.0, 1.0, run.size], len(run.scene.bodies)) for values in run.motion)
     small = ENGINES_OWN * float(np.max(np.abs(v))) + SAME * run.size  # of a mechanism at rest: rounding
     for name, speed, rate in zip(run.columns(ACCELERATIONS), v.T, a.T):
-        change, own = _nearby_change(rate), np.diff(speed)
-        by_rate = step * (rate[1:] + rate[:-1]) / 2
+        if not max(np.max(step) * _largest(rate), _largest(np.diff(speed))) <= MOST * _largest(speed):
+            continue
+        change = _nearby_change(rate)
+        own, by_rate = (moved - step * moved.sum() / step.sum()
+                        for moved in (np.diff(speed), step * (rate[1:] + rate[:-1]) / 2))
         left = np.abs(own - by_rate) - step * np.maximum(change[1:], change[:-1])
         contradicted = np.sum(np.maximum(left, 0.0), where=settled & np.isfinite(left))
         whole = max(np.nansum(np.abs(changes[settled])) for changes in (own, by_rate))
         if contradicted > MOST * whole + small:
             i = int(np.nanargmax(np.where(settled, left, -np.inf)))
-            yield (f"{name} that is not the rate of its velocity: from t = {t[i]:.9g} to {t[i + 1]:.9g} s it changes by "
-                   f"{own[i] / step[i]:.4g} a second, where the acceleration is {rate[i]:.4g} and {rate[i + 1]:.4g}")
+            yield (f"{name} that is not the rate of its velocity: from t = {t[i]:.9g} to {t[i + 1]:.9g} s about their "
+                   f"means the one changes by {own[i]:.4g}, by the other it would by {by_rate[i]:.4g}")
 
 
 def dissipation(run: Examined) -> Iterator[str]:
@@ -214,15 +220,16 @@ def dissipation(run: Examined) -> Iterator[str]:
 def balance(run: Examined) -> Iterator[str]:
     """Newton's and Euler's equations hold at samples and on both sides of events, where an engine reports these.
 
-    Of an engine that does not they hold to `STEPS_BALANCE`, but at a few samples in a row, see `LASTING`. Instants with
-    forces that are nan are not judged.
+    Of joints of an engine that does not they hold to `STEPS_BALANCE`, but at a few samples in a row, see `LASTING`.
+    Instants with forces that are nan are not judged.
     """
     found = run.found
     for part in run.parts:
         rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
         needed = {*rows, *(f"{body}.{label}" for body in part.body_names for labels in BODY_COLUMNS
                            for label in labels)}
-        sides = run.sides(needed)
+        if not (sides := run.sides(needed)) and run.fidelity != "joint":
+            continue
         joined = {name: np.concatenate([found[name].astype(float), [side[name] for *_, side in sides]])
                   for name in needed}
         t = np.concatenate([found.t.astype(float), [time for _, time, _ in sides]])
@@ -249,9 +256,11 @@ def balance(run: Examined) -> Iterator[str]:
 def needed_friction(run: Examined) -> Iterator[str]:
     """Friction is the force along the guide that the motion needs, where that alone determines it (`recover_columns`).
 
-    In the balance of all forces a heavy body hides the friction of a light one. Where events have values on both sides
-    `balance` is strict enough.
+    In the balance of all forces a heavy body hides the friction of a light one. Contacts share their impulses out over
+    a step and are not judged. Where events have values on both sides `balance` is strict enough.
     """
+    if run.fidelity != "joint":
+        return
     found, t = run.found, run.found.t.astype(float)
     for part in run.parts:
         guides = [name for name in part.guide_names if name in run.scene.frictional_guides]
@@ -267,8 +276,9 @@ def needed_friction(run: Examined) -> Iterator[str]:
             wrong = (np.abs(given - expected) > allowed) & (t >= _settled(run))
             for begin, behind in _stretches(wrong):
                 if behind - begin >= min(LASTING, len(t) - 1):
-                    yield (f"{column} = {given[begin]:.9g} at t = {t[begin]:.9g} s; expected {expected[begin]:.9g} within "
-                           f"{allowed[begin]:.2g} N, the force along the guide that accelerations and other forces need")
+                    yield (f"{column} = {given[begin]:.9g} at t = {t[begin]:.9g} s; expected {expected[begin]:.9g} "
+                           f"within {allowed[begin]:.2g} N, the force along the guide that accelerations and other "
+                           "forces need")
                     break
 
 
@@ -433,7 +443,8 @@ def _while_moving(predicate: Predicate) -> Predicate:
 
 
 PREDICATES: tuple[Predicate, ...] = (start, residuals, residuals_at_events, *map(_while_moving, (
-    velocities, accelerations, displacements, dissipation, needed_friction, balance, corner_forces, modes, unreported_events, cone, continuity)))
+    velocities, accelerations, displacements, dissipation, needed_friction, balance, corner_forces, modes,
+    unreported_events, cone, continuity)))
 
 
 def _speed(run: Examined, v: np.ndarray) -> float:

@@ -91,7 +91,7 @@ def test_mistake_of_the_mechanics_stops_at_the_first_scene_that_shows_it(declare
     ("every(['friction'], lambda f: -f)", "block-on-incline", "friction drives the slider"),
     ("every(['friction'], lambda f: 1.3 * f)", "block-on-incline", "guide.friction"),
     ("every(['friction'], lambda f: 0.5 * f)", "block-on-incline", "guide.friction"),
-    ("every(['ax', 'ay'], lambda a: -a)", "free-body", "not the rate of its velocity")], ids=["sign", "more", "half", "acceleration"])
+    ("every(['ax', 'ay'], lambda a: -a)", "free-body", "other sign")], ids=["sign", "more", "half", "acceleration"])
 def test_mistake_of_the_forces(declared, behind, scene, words):
     """Positions and velocities are right."""
     *_, wrong = conformance(declared(behind=behind), 120)

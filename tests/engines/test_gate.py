@@ -316,7 +316,7 @@ def test_friction_of_a_fixed_step_that_does_not_move_the_mechanism_as_it_moves(n
         Stepped().simulate(load_scene(name), rtol=1e-8, friction=friction)
 
 
-@pytest.mark.parametrize(("kind", "factor"), [("acceleration", -1.0), ("acceleration", 1e3), ("acceleration", 1e-3), ("rate", 1e-3), ("length", 1e3)])
+@pytest.mark.parametrize(("kind", "factor"), [("acceleration", -1.0), ("acceleration", 1e3), ("acceleration", 1e-3), ("length", 1e3)])
 def test_columns_in_millimetres_or_of_the_other_sign(kind, factor):
     """On the incline positions and velocities in millimetres meet all constraints; accelerations and forces do not follow."""
     with pytest.raises(BadTrajectory):

@@ -1,4 +1,4 @@
-"""Conformance of an engine: four scenes from simple to the slider-bar, and in words what is wrong in the first.
+"""Conformance of an engine: five scenes from simple to the slider-bar, and in words what is wrong in the first.
 
 A wrong sign or unit is off by as much as the motion is large, a method of first order with a thousand steps by a
 thousandth of it: `LIMIT` lies between.
@@ -36,10 +36,23 @@ _STONE = {"mass": 2, "inertia": 0.3, "position": [1, 2], "angle": 0.5, "velocity
 _BAR = {"mass": 2, "inertia": 0.2, "position": [0.3, -0.4], "angle": 0.4}
 _PIN = {"type": "revolute", "bodies": ["bar", "ground"],
         "points": [["-0.3*cos(0.4) + 0.4*sin(0.4)", "0.3*sin(0.4) + 0.4*cos(0.4)"], [0, 0]]}
+_SPRUNG = {
+    "t_end": 1, "gravity": [0, -9.81],
+    "bodies": {"plate": {"mass": 2, "inertia": 0.3, "position": [0.5, 0.2], "angle": 0.3, "velocity": [0.5, 1],
+                         "angular_velocity": 1}},
+    "springs": {"spring": {"type": "linear", "bodies": ["plate", "ground"], "points": [[0.3, 0.1], [0, 1.5]],
+                           "stiffness": 40, "damping": 3, "rest_length": 0.8},
+                "twist": {"type": "torsional", "bodies": ["plate", "ground"], "stiffness": 5, "damping": 0.3,
+                          "rest_angle": 0.5}},
+    "forces": {"pull": {"type": "force", "body": "plate", "point": [-0.2, 0.1], "direction": [1, 1],
+                        "law": {"type": "sine", "amplitude": 8, "frequency": 6}},
+               "turn": {"type": "torque", "body": "plate", "law": {"type": "linear", "offset": 1, "rate": 2}}}}
 ADDED: Mapping[str, str] = {
     "free-body": "the start, weight, and the table itself",
     "pendulum-on-a-pin": "a pin: points[0] is in the axes of bodies[0], from its centre of mass, and turns with "
                          "its angle",
+    "sprung-body": "a spring and a damper between points off the centres of mass, with a rest length; a load with a "
+                   "lever, and a torque",
     "block-on-incline": "a guide with friction, whose load is the sum of the corner forces, max(|R|, 2 |N| / length)",
     "slider-bar-case-1": "a drive and a load that follow laws of time, a spring, a slider that sticks and slips, and "
                          "friction with a lever (width)"}
@@ -55,10 +68,11 @@ class Trial(NamedTuple):
 
 
 def conformance_scenes() -> list[Scene]:
-    """Return the scenes: a free body, a pendulum on a pin, a block on an incline, the slider-bar."""
+    """Return the scenes: a free body, a pendulum on a pin, a sprung body, a block on an incline, the slider-bar."""
     free = {"t_end": 1, "gravity": [0.5, -9.81], "bodies": {"stone": _STONE}}
     pendulum = {"t_end": 1, "gravity": [0, -9.81], "bodies": {"bar": _BAR}, "joints": {"pin": _PIN}}
     return [scene_from_dict(free, name="free-body"), scene_from_dict(pendulum, name="pendulum-on-a-pin"),
+            scene_from_dict(_SPRUNG, name="sprung-body"),
             vary(load_scene("block-on-incline"), {"t_end": 1}), vary(load_scene("slider-bar-case-1"), {"t_end": 3})]
 
 

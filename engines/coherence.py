@@ -9,8 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from stiction.engines.examined import (ACCELERATIONS, MODES, POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate,
-                                       first)
+from stiction.engines.examined import ACCELERATIONS, MODES, POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, first
 from stiction.reference_impl.multibody.initial_state import CONSISTENT
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL
@@ -179,11 +178,11 @@ def accelerations(run: Examined) -> Iterator[str]:
         if not max(np.max(step) * _largest(rate), _largest(np.diff(speed))) <= MOST * _largest(speed):
             continue
         change = _nearby_change(rate)
-        own, by_rate = (moved - step * moved.sum() / step.sum()
-                        for moved in (np.diff(speed), step * (rate[1:] + rate[:-1]) / 2))
+        both = np.diff(speed), step * (rate[1:] + rate[:-1]) / 2
+        whole = max(np.nansum(np.abs(changes[settled])) for changes in both)
+        own, by_rate = (moved - step * moved.sum() / step.sum() for moved in both)
         left = np.abs(own - by_rate) - step * np.maximum(change[1:], change[:-1])
         contradicted = np.sum(np.maximum(left, 0.0), where=settled & np.isfinite(left))
-        whole = max(np.nansum(np.abs(changes[settled])) for changes in (own, by_rate))
         if contradicted > MOST * whole + small:
             i = int(np.nanargmax(np.where(settled, left, -np.inf)))
             yield (f"{name} that is not the rate of its velocity: from t = {t[i]:.9g} to {t[i + 1]:.9g} s about their "
@@ -266,8 +265,8 @@ def needed_friction(run: Examined) -> Iterator[str]:
         guides = [name for name in part.guide_names if name in run.scene.frictional_guides]
         if not guides or run.sides(set(run.columns(POSITIONS))):
             continue
-        needed = recover_columns(part.scene, t, *(stacked(found.columns, part.body_names, labels)
-                                                  for labels in BODY_COLUMNS))
+        q, v, a = (stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS)
+        needed = recover_columns(part.scene, t, q, v, a)
         for column in (f"{name}.friction" for name in guides):
             given, expected = found[column].astype(float), needed[column]
             rounding = SAME * _largest(found[column.replace(".friction", ".normal_force")])

@@ -194,7 +194,7 @@ def dissipation(run: Examined) -> Iterator[str]:
 
     What it gives without a break may be `DRIVEN`, the lag of a step at a reversal or the creep of a guide at rest.
     Friction of contacts and of regularized laws, which may leave Coulomb's cone, also does `MOST` of its work against
-    the slip. Forces that are nan are not judged.
+    the slip. Forces that are nan are not judged, nor what Baumgarte's terms accelerate.
     """
     found, t = run.found, run.found.t.astype(float)
     settled = t >= _settled(run)
@@ -203,7 +203,7 @@ def dissipation(run: Examined) -> Iterator[str]:
         load = max(guide.static_coefficient, SAME) * _largest(found[f"{name}.normal_force"])  # rounding, without mu
         allowed = DRIVEN * run.size * max(_largest(friction), load)
         power = np.where(settled & np.isfinite(friction), np.nan_to_num(friction) * speed, 0.0)
-        given = np.maximum(power, 0.0)
+        given = np.maximum(power - _baumgarte_force(run) * np.abs(speed), 0.0)
         if not run.keeps(found.settings) and np.trapezoid(given, t) <= MOST * np.trapezoid(np.abs(power), t):
             continue
         for begin, behind in _stretches(given > 0.0):

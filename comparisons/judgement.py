@@ -349,8 +349,8 @@ def _findings(scene: Scene, full: Trajectory, given: Collection[str]) -> Iterato
     rates = states and _has(given, scene, ACCELERATIONS)
     checks: dict[Predicate, bool] = {
         coherence.start: states and full.t[0] == 0, coherence.residuals: states, coherence.velocities: states,
-        coherence.accelerations: rates, coherence.displacements: states, coherence.dissipation: states and forces,
-        coherence.needed_friction: rates and forces, coherence.balance: rates and forces,
+        coherence.displacements: states, coherence.dissipation: states and forces,
+        coherence.momentum_of_steps: rates and forces, coherence.balance: rates and forces,
         coherence.corner_forces: forces,
         coherence.modes: True, coherence.unreported_events: states, coherence.cone: states and forces,
         coherence.continuity: states}

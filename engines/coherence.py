@@ -6,14 +6,15 @@ None of it says that a motion is right, only that the parts of a trajectory belo
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from stiction.engines.examined import ACCELERATIONS, MODES, POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, first
+from stiction.engines.examined import MODES, POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, first
 from stiction.reference_impl.multibody.initial_state import CONSISTENT
 from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL
-from stiction.reference_impl.multibody.reactions import recover_columns
+from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Mechanism
+from stiction.reference_impl.multibody.reactions import columns_of_rows, parts_of_null_vectors
 from stiction.reference_impl.multibody.trajectory_columns import GUIDE_COLUMNS, guide_motion, imbalance, residual_norms
 from stiction.scenes import Event
 from stiction.scenes.columns import BODY_COLUMNS
@@ -39,23 +40,18 @@ more."""
 CAP = 1e-2
 """Part of the largest friction bound of a run by which a friction may exceed its own bound at fixed step size: the
 engine holds the bound of the step before, and samples some steps from each other do not show every change of it."""
-STEPS_BALANCE = 1e-2
-"""Part of the largest force that the forces of a sample may leave unbalanced at fixed step size, beyond what the
-accelerations change to the sample before or behind."""
 LASTING = 5
-"""Samples in a row whose forces must be unbalanced for a fault at fixed step size. Friction and acceleration are those
-of neighbouring steps, which disagree where a force jumps: the engines of the suite, with steps of 1 and 10 ms on all
-scenes of the catalogue, have 2 such samples in a row at most."""
-DRIVEN = 1e-2
-"""Work that friction may do on a guide without a break, as a part of its largest size times that of the mechanism. At a
-reversal the friction of a step meets the velocity of another: the joints of the suite's engines do up to 0.0012 so."""
-NEEDED = 5e-2
-"""Part of the largest friction of a guide by which, with a fixed step, a friction may differ from that which the motion
-needs, beyond what either changes to the sample before or behind, at `LASTING` samples in a row."""
-MOST = 0.5
-"""Part of a whole that contradicts the rest, from which on no error of a step explains it: of the work of a friction
-that may leave Coulomb's cone (contacts: 0.14 at most, MuJoCo's at 10 ms), of a change of velocity that is not that by
-the accelerations (joints: 0.06 at most)."""
+"""Samples in a row that must contradict themselves for a fault of forces at fixed step size. Friction and acceleration
+may be those of neighbouring steps, which disagree where a force jumps: at one sample, or two."""
+CONTRADICTED = 0.1
+"""Part of the largest force on a body, or of the largest friction of a guide, that is left over where, with a fixed
+step, forces contradict the motion. A wrong sign leaves twice a force, a wrong factor most of it; a solver of first
+order, with some hundred steps to a motion, a hundredth. Accuracy is not for the gate to judge."""
+SINGLE = 2.0 ** -23
+"""Rounding of velocities whose differences are accelerations, relative: of single precision, the worst there is."""
+WITHIN = (-1.0, -0.618, -0.382, 0.309, 0.691, 1.0)
+"""Instants about a sample at which the forces of its step may have been evaluated, in steps. None is a simple fraction
+of another, so that what turns several times in a step does not look the same at all of them."""
 FIRST_STEPS = 20
 """Steps of fixed size in which friction is not judged. The first has no step before whose reactions its bound could
 have, and up to 16 (Drake's, of mechanisms with loops) settle, whose samples have the friction of the one behind
@@ -159,75 +155,191 @@ def displacements(run: Examined) -> Iterator[str]:
                 yield from run.differs(f"{name}.{label}", expected, SAME * size, "that of its states")
 
 
-def accelerations(run: Examined) -> Iterator[str]:
-    """Accelerations are the derivatives of velocities, of joints: contacts bounce between samples.
-
-    The change of a velocity and that by the accelerations, by the trapezoidal rule, both with their means removed, may
-    differ by what the acceleration changes to the next sample on either side. What is left may make up `MOST` of all
-    changes. Nothing is known of means: a motion that repeats itself from sample to sample has one acceleration at all
-    of them, and one velocity. Nor is anything known where velocities change by much of their size
-    from sample to sample.
-    """
-    if run.fidelity != "joint":
-        return
-    t = run.found.t.astype(float)
-    step, settled = np.diff(t), t[:-1] >= _settled(run)
-    _, v, a = (values * np.tile([1.0, 1.0, run.size], len(run.scene.bodies)) for values in run.motion)
-    small = ENGINES_OWN * float(np.max(np.abs(v))) + SAME * run.size  # of a mechanism at rest: rounding
-    for name, speed, rate in zip(run.columns(ACCELERATIONS), v.T, a.T):
-        if not max(np.max(step) * _largest(rate), _largest(np.diff(speed))) <= MOST * _largest(speed):
-            continue
-        change = _nearby_change(rate)
-        both = np.diff(speed), step * (rate[1:] + rate[:-1]) / 2
-        whole = max(np.nansum(np.abs(changes[settled])) for changes in both)
-        own, by_rate = (moved - step * moved.sum() / step.sum() for moved in both)
-        left = np.abs(own - by_rate) - step * np.maximum(change[1:], change[:-1])
-        contradicted = np.sum(np.maximum(left, 0.0), where=settled & np.isfinite(left))
-        if contradicted > MOST * whole + small:
-            i = int(np.nanargmax(np.where(settled, left, -np.inf)))
-            yield (f"{name} that is not the rate of its velocity: from t = {t[i]:.9g} to {t[i + 1]:.9g} s about their "
-                   f"means the one changes by {own[i]:.4g}, by the other it would by {by_rate[i]:.4g}")
-
-
 def dissipation(run: Examined) -> Iterator[str]:
     """Friction takes energy from a guide that slips: friction times slip velocity is at most 0.
 
-    What it gives without a break may be `DRIVEN`, the lag of a step at a reversal or the creep of a guide at rest.
-    Friction of contacts and of regularized laws, which may leave Coulomb's cone, also does `MOST` of its work against
-    the slip. Forces that are nan are not judged, nor what Baumgarte's terms accelerate.
+    Asked at each sample of engines that keep Coulomb's cone, so that nothing is taken for granted between samples.
+    Not judged are a guide that the engine says sticks, one whose slip may begin, end or turn around within a step of
+    the sample, and a slip that friction stops in less than a step: there friction may be that of another direction.
+    What is left must be there at `LASTING` samples in a row. Forces that are nan are not judged, nor forces that are
+    rounding of the mechanism's largest, or as small as what Baumgarte's terms accelerate.
     """
-    found, t = run.found, run.found.t.astype(float)
-    settled = t >= _settled(run)
-    for name, guide in run.scene.frictional_guides.items():
-        friction, speed = found[f"{name}.friction"].astype(float), found[f"{name}.slip_velocity"].astype(float)
-        load = max(guide.static_coefficient, SAME) * _largest(found[f"{name}.normal_force"])  # rounding, without mu
-        allowed = DRIVEN * run.size * max(_largest(friction), load)
-        power = np.where(settled & np.isfinite(friction), np.nan_to_num(friction) * speed, 0.0)
-        given = np.maximum(power - _baumgarte_force(run) * np.abs(speed), 0.0)
-        if not run.keeps(found.settings) and np.trapezoid(given, t) <= MOST * np.trapezoid(np.abs(power), t):
+    found = run.found
+    if not run.keeps(found.settings):
+        return
+    t, step = found.t.astype(float), _step(run)
+    accuracy = max(SAME, 10.0 * float(found.settings.get("rtol") or 0.0))
+    for part in run.parts:
+        frictional = [name for name in part.guide_names if name in run.scene.frictional_guides]
+        if not frictional:
             continue
-        for begin, behind in _stretches(given > 0.0):
-            near = slice(max(0, begin - 1), behind + 1)
-            if (work := np.trapezoid(given[near], t[near])) > allowed:
-                i = begin + int(np.argmax(given[begin:behind]))
+        q, v, a = (stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS)
+        columns, _ = columns_of_rows(part.arrays, t, q, v)
+        negligible = accuracy * _largest_force(run, part) + _baumgarte_force(run)
+        slow = accuracy * _speed(run, v)
+        for name in frictional:
+            friction, speed = (found[f"{name}.{label}"].astype(float) for label in ("friction", "slip_velocity"))
+            k = list(part.scene.joints).index(name)
+            turns = np.zeros(len(t), dtype=bool)
+            for share in WITHIN if step else ():
+                _, there, rate = _moved(share * step, t, q, v, a)
+                turns |= guide_motion(part.arrays, k, there, rate)[1] * speed <= 0.0
+            along = columns[:, :, part.arrays.rows + part.guide_names.index(name)]
+            stopped = step * np.sum(along ** 2 * part.arrays.inverse_mass, axis=1) * np.abs(friction)
+            sticks = found.columns.get(f"{name}.mode", np.ones(len(t))) == 0
+            drives = ((friction * speed > 0.0) & (np.abs(friction) > negligible) & (t >= _settled(run))
+                      & (np.abs(speed) > slow + stopped) & ~turns & ~sticks)
+            for begin, behind in _lasting(drives):
+                work = np.trapezoid((friction * speed)[begin:behind], t[begin:behind])
+                i = begin + int(np.argmax(np.abs(friction * speed)[begin:behind]))
                 yield (f"{name}.friction = {friction[i]:.9g} at t = {t[i]:.9g} s, where {name}.slip_velocity = "
                        f"{speed[i]:.9g}: from {t[begin]:.9g} to {t[behind - 1]:.9g} s friction drives the slider, and "
                        f"gives it {work:.3g} J; expected the force on the slider, against its slip (the other sign?)")
                 break
 
 
-def balance(run: Examined) -> Iterator[str]:
-    """Newton's and Euler's equations hold at samples and on both sides of events, where an engine reports these.
+def momentum_of_steps(run: Examined) -> Iterator[str]:
+    """Newton's and Euler's equations hold at the samples of a fixed step, and friction is what they need along a guide.
 
-    Of joints of an engine that does not they hold to `STEPS_BALANCE`, but at a few samples in a row, see `LASTING`.
-    Instants with forces that are nan are not judged.
+    Asked of engines at joint fidelity that keep Coulomb's cone, give accelerations of their own and locate no events;
+    of the others `balance`, or nothing, holds. It takes each sample for itself, whatever happens between two. What an
+    engine of fixed step reports of an instant is made of states up to a step before and behind it: what the equations
+    change by between these (`WITHIN`), extrapolated from the sample, is allowed, and the change of the forces to the
+    samples beside it. So are `CONTRADICTED` of the largest force on the body, or of the largest friction of the guide,
+    and what rounding of the velocities moves the accelerations by. Not judged are fewer than `LASTING` samples in a
+    row, instants at which a guide of the part turns around within a step, and forces that are nan or that the motion
+    leaves open.
     """
+    found, t, step = run.found, run.found.t.astype(float), _step(run)
+    if (run.locates(found.settings) or run.fidelity != "joint" or "accelerations" in found.settings or not step
+            or run.scene.frictional_guides and not run.keeps(found.settings)):
+        return
+    chosen = np.flatnonzero(t >= _settled(run))
+    for part in run.parts if len(chosen) >= LASTING else ():
+        left = _left_over(run, part, chosen, step)
+        for column, given, needed, wrong in left.frictions:
+            for begin, _ in _lasting(wrong):
+                yield (f"{column} = {given[begin]:.9g} at t = {t[chosen[begin]]:.9g} s; expected {needed[begin]:.9g}, "
+                       "the force along the guide that accelerations and other forces need")
+                break
+        wrong = np.abs(left.force) > left.allowed
+        for begin, behind in _lasting(wrong.any(axis=1)):
+            i, k = begin, int(np.argmax(wrong[begin] * np.abs(left.force[begin]) / left.allowed[begin]))
+            yield (f"forces and accelerations that do not balance from t = {t[chosen[i]]:.9g} to "
+                   f"{t[chosen[behind - 1]]:.9g} s: {left.force[i, k]:.4g} {'N m' if k % 3 == 2 else 'N'} on "
+                   f"{part.body_names[k // 3]} are left over; expected less than {left.allowed[i, k]:.2g}")
+            break
+
+
+class _LeftOver(NamedTuple):
+    """What accelerations and forces of a part leave of Newton's and Euler's equations.
+
+    Attributes
+    ----------
+    force, allowed : ndarray, shape (n, 3 * bodies)
+        Force (N) or moment (N m) left over at each sample, and as much of it as says nothing.
+    frictions : list of tuple
+        For each guide with friction its column, its values, those that the motion needs, and where they contradict
+        these.
+    """
+
+    force: np.ndarray
+    allowed: np.ndarray
+    frictions: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]
+
+
+def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) -> _LeftOver:
+    """Put accelerations and forces of chosen samples into the equations of motion; `step` in seconds."""
+    found, m = run.found, part.arrays
+    t = found.t.astype(float)[chosen]
+    q, v, a = (stacked(found.columns, part.body_names, labels)[chosen] for labels in BODY_COLUMNS)
+    rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
+    force = np.empty((len(t), len(rows)))
+    for column, name in enumerate(rows):
+        force[:, column] = found[name][chosen]
+    mass = 1.0 / m.inverse_mass
+
+    def remainder(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
+        columns, free = columns_of_rows(m, t, q, v)
+        return mass * (a - free) - np.einsum("nij,nj->ni", columns, force), columns, mass * free
+
+    left, columns, applied = remainder(t, q, v)
+    parts = np.abs(columns * force[:, None, :])  # of each row's force on each coordinate
+    # at the instants of a step that forces and accelerations may have been made of
+    within = np.zeros_like(left)
+    turns = np.zeros(len(t), dtype=bool)
+    guides = [list(part.scene.joints).index(name) for name in part.guide_names]
+    slips = [guide_motion(m, k, q, v)[1] for k in guides]
+    at_rest = SAME * _speed(run, v)
+    for share in WITHIN:
+        there = _moved(share * step, t, q, v, a)
+        within = np.fmax(within, np.abs(remainder(*there)[0] - left))
+        for k, slip in zip(guides, slips):
+            later = guide_motion(m, k, *there[1:])[1]
+            turns |= (later * slip <= 0.0) & (np.abs(later - slip) > at_rest)
+    change = np.empty_like(force)
+    for column in range(len(rows)):
+        change[:, column] = _nearby_change(force[:, column])
+    changes = np.sum(np.abs(columns) * change[:, None, :], axis=2)
+    rounding = SINGLE * mass * np.max(np.abs(v), axis=0) / step
+    unknown = within + changes + rounding
+    unknown[turns] = np.inf
+
+    # the largest force and moment on each body; a moment that is rounding of a force counts for nothing
+    largest = np.nanmax(np.stack([np.abs(mass * a), np.abs(applied), np.nanmax(parts, axis=2, initial=0.0)]),
+                        axis=(0, 1), initial=0.0)
+    size = np.empty_like(largest)
+    size[0::3] = size[1::3] = np.maximum(largest[0::3], largest[1::3])
+    size[2::3] = largest[2::3]
+    floor = SAME * np.max(size[0::3], initial=0.0) * np.where(np.arange(len(size)) % 3 == 2, m.length_scale, 1.0)
+    allowed = CONTRADICTED * size + floor + unknown
+
+    # friction: what row forces, of which it is one, would have to be added to leave the least
+    frictions = []
+    if part.guide_names:
+        inverse = np.linalg.pinv(columns)[:, m.rows:]
+        open_ = parts_of_null_vectors(columns, m.rows)[:, m.rows:]
+        missing = np.where(open_, np.nan, np.einsum("nki,ni->nk", inverse, left))
+        doubt = np.einsum("nki,ni->nk", np.abs(inverse), np.where(np.isfinite(unknown), unknown, 0.0))
+        for i, name in enumerate(part.guide_names):
+            given = force[:, m.rows + i]
+            needed = given + missing[:, i]
+            most = CONTRADICTED * max(_largest(given), _largest(needed)) + SAME * _largest_force(run, part)
+            wrong = (np.abs(missing[:, i]) > most + doubt[:, i]) & ~turns
+            if name in run.scene.frictional_guides:
+                frictions.append((f"{name}.friction", given, needed, wrong))
+    return _LeftOver(left, allowed, frictions)
+
+
+def _largest_force(run: Examined, part: Mechanism) -> float:
+    """Return the largest force in a part: of its guides and joints, or a mass times its acceleration, N."""
+    labels = {name: name.rpartition(".")[2] for name in [*part.row_names, *(f"{g}.friction" for g in part.guide_names)]}
+    forces = [_largest(run.found[name]) for name, label in labels.items() if label in ("fx", "fy", "normal_force",
+                                                                                       "friction")]
+    forces += [mass * max(_largest(run.found[f"{body}.ax"]), _largest(run.found[f"{body}.ay"]),
+                          float(np.hypot(*(part.scene.gravity or (0.0, 0.0)))))
+               for body, mass in ((body, part.scene.bodies[body].mass) for body in part.body_names)]
+    return max(forces, default=0.0)
+
+
+def _moved(time: float, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Times and states that are so many seconds from others, by their accelerations."""
+    return t + time, q + time * v + time ** 2 / 2 * a, v + time * a
+
+
+def _lasting(flags: np.ndarray) -> Iterator[tuple[int, int]]:
+    """First place and place behind the last of stretches of at least `LASTING` true flags."""
+    return ((begin, behind) for begin, behind in _stretches(flags) if behind - begin >= LASTING)
+
+
+def balance(run: Examined) -> Iterator[str]:
+    """Newton's and Euler's equations hold at samples and on both sides of events, where an engine reports these."""
     found = run.found
     for part in run.parts:
         rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
         needed = {*rows, *(f"{body}.{label}" for body in part.body_names for labels in BODY_COLUMNS
                            for label in labels)}
-        if not (sides := run.sides(needed)) and run.fidelity != "joint":
+        if not (sides := run.sides(needed)):
             continue
         joined = {name: np.concatenate([found[name].astype(float), [side[name] for *_, side in sides]])
                   for name in needed}
@@ -238,47 +350,10 @@ def balance(run: Examined) -> Iterator[str]:
             force[:, column] = joined[name]
         left, size = imbalance(part.arrays, workspace(part.arrays), t, q, v, a, force)
         largest = np.max(size[np.isfinite(size)], initial=0.0)
-        part_of_it = BALANCE if sides else STEPS_BALANCE
-        wrong = left > part_of_it * largest
-        if not sides:
-            rates = a / np.sqrt(part.arrays.inverse_mass)  # in the units of `imbalance`
-            change = np.max([_nearby_change(rate) for rate in rates.T], axis=0)
-            wrong = (left > part_of_it * largest + change) & (t >= _settled(run))
-            for begin, behind in _stretches(wrong):
-                wrong[begin:behind] = behind - begin >= min(LASTING, len(t) - 1)
-        if (i := first(wrong)) is not None:
+        if (i := first(left > BALANCE * largest)) is not None:
             where = f" ({sides[i - len(found.t)][0]})" if i >= len(found.t) else ""
             yield (f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / largest:.2g} "
-                   f"of the largest is left over; expected less than {part_of_it:g}")
-
-
-def needed_friction(run: Examined) -> Iterator[str]:
-    """Friction is the force along the guide that the motion needs, where that alone determines it (`recover_columns`).
-
-    In the balance of all forces a heavy body hides the friction of a light one. Contacts share their impulses out over
-    a step and are not judged. Where events have values on both sides `balance` is strict enough.
-    """
-    if run.fidelity != "joint":
-        return
-    found, t = run.found, run.found.t.astype(float)
-    for part in run.parts:
-        guides = [name for name in part.guide_names if name in run.scene.frictional_guides]
-        if not guides or run.sides(set(run.columns(POSITIONS))):
-            continue
-        q, v, a = (stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS)
-        needed = recover_columns(part.scene, t, q, v, a)
-        for column in (f"{name}.friction" for name in guides):
-            given, expected = found[column].astype(float), needed[column]
-            rounding = SAME * _largest(found[column.replace(".friction", ".normal_force")])
-            allowed = (NEEDED * max(_largest(given), _largest(expected)) + rounding
-                       + _nearby_change(given) + _nearby_change(expected))
-            wrong = (np.abs(given - expected) > allowed) & (t >= _settled(run))
-            for begin, behind in _stretches(wrong):
-                if behind - begin >= min(LASTING, len(t) - 1):
-                    yield (f"{column} = {given[begin]:.9g} at t = {t[begin]:.9g} s; expected {expected[begin]:.9g} "
-                           f"within {allowed[begin]:.2g} N, the force along the guide that accelerations and other "
-                           "forces need")
-                    break
+                   f"of the largest is left over; expected less than {BALANCE:g}")
 
 
 def corner_forces(run: Examined) -> Iterator[str]:
@@ -442,7 +517,7 @@ def _while_moving(predicate: Predicate) -> Predicate:
 
 
 PREDICATES: tuple[Predicate, ...] = (start, residuals, residuals_at_events, *map(_while_moving, (
-    velocities, accelerations, displacements, dissipation, needed_friction, balance, corner_forces, modes,
+    velocities, displacements, dissipation, momentum_of_steps, balance, corner_forces, modes,
     unreported_events, cone, continuity)))
 
 
@@ -474,9 +549,14 @@ def _changes(h: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     return np.maximum(np.linalg.norm(np.diff(v, axis=0), axis=1), h * np.maximum(second[1:], second[:-1]))
 
 
+def _step(run: Examined) -> float:
+    """Fixed step of the engine, s; 0 where it has none."""
+    return float(run.found.settings.get("dt") or 0.0)
+
+
 def _settled(run: Examined) -> float:
     """Time from which on forces are judged, s: that of `FIRST_STEPS` of a fixed step."""
-    return FIRST_STEPS * float(run.found.settings.get("dt") or 0.0)
+    return FIRST_STEPS * _step(run)
 
 
 def _stretches(flags: np.ndarray) -> np.ndarray:

@@ -118,11 +118,17 @@ def _faults(found: Judgement) -> Iterator[str]:
         yield f"time grid: goes from {t[0]:g} to {t[-1]:g} s; expected 0 to {scene.t_end:g} s"
     rows = found.tables["errors"].set_index("column")
     is_force = rows["unit"].isin(["N", "N m", "m/s²", "rad/s²"])  # or an acceleration: they jump
-    # a force is judged by its own size, one that is next to nothing by that of the others
-    largest = rows["size"].groupby(rows["unit"]).max()
-    largest["rad/s²"] = max(largest.get("rad/s²", 0.0), largest.get("m/s²", 0.0) / size_of(scene))
-    scale = rows["unit"].map(largest) * SLIGHT
-    limits = LIMIT * np.maximum(rows["size"], scale.where(is_force, size_of(scene)))
+    # A force is judged by its own size, one that is next to nothing by that of the others, a moment by that of forces
+    # with the mechanism as a lever. An acceleration is what forces leave of each other, weight among them: where they
+    # hold a body still only their own error is left of it.
+    largest, length = rows["size"].groupby(rows["unit"]).max(), size_of(scene)
+    force, fastest = largest.get("N", 0.0), largest.get("m/s²", 0.0)
+    weight = float(np.hypot(*(scene.gravity or (0.0, 0.0))))
+    scale = rows["unit"].map({
+        "N": SLIGHT * force, "N m": SLIGHT * max(largest.get("N m", 0.0), force * length),
+        "m/s²": max(SLIGHT * fastest, weight),
+        "rad/s²": max(SLIGHT * max(largest.get("rad/s²", 0.0), fastest / length), weight / length)})
+    limits = LIMIT * np.maximum(rows["size"], scale.where(is_force, length))
     beyond = rows["error"] - rows["uncertainty"].where(is_force, 0.0)
     judged = (rows["measure"] == "largest") | is_force
     wrong = rows[judged & (beyond > limits)]

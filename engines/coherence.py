@@ -174,21 +174,24 @@ def dissipation(run: Examined) -> Iterator[str]:
         if not frictional:
             continue
         q, v, a = (stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS)
-        columns, _ = columns_of_rows(part.arrays, t, q, v)
-        negligible = accuracy * _largest_force(run, part) + _baumgarte_force(run)
         slow = accuracy * _speed(run, v)
         for name in frictional:
             friction, speed = (found[f"{name}.{label}"].astype(float) for label in ("friction", "slip_velocity"))
             k = list(part.scene.joints).index(name)
-            turns = np.zeros(len(t), dtype=bool)
-            for share in WITHIN if step else ():
-                _, there, rate = _moved(share * step, t, q, v, a)
-                turns |= guide_motion(part.arrays, k, there, rate)[1] * speed <= 0.0
-            along = columns[:, :, part.arrays.rows + part.guide_names.index(name)]
-            stopped = step * np.sum(along ** 2 * part.arrays.inverse_mass, axis=1) * np.abs(friction)
             sticks = found.columns.get(f"{name}.mode", np.ones(len(t))) == 0
-            drives = ((friction * speed > 0.0) & (np.abs(friction) > negligible) & (t >= _settled(run))
-                      & (np.abs(speed) > slow + stopped) & ~turns & ~sticks)
+            drives = (friction * speed > 0.0) & (np.abs(speed) > slow) & (t >= _settled(run)) & ~sticks
+            if not drives.any():
+                continue
+            drives &= np.abs(friction) > accuracy * _largest_force(run, part) + _baumgarte_force(run)
+            # slip that may have another direction within a step, or that friction stops in one
+            if step and len(i := np.flatnonzero(drives)):
+                for share in WITHIN:
+                    _, there, rate = _moved(share * step, t[i], q[i], v[i], a[i])
+                    drives[i] &= guide_motion(part.arrays, k, there, rate)[1] * speed[i] > 0.0
+                columns, _ = columns_of_rows(part.arrays, t[i], q[i], v[i])
+                along = columns[:, :, part.arrays.rows + part.guide_names.index(name)]
+                mobility = np.sum(along ** 2 * part.arrays.inverse_mass, axis=1)
+                drives[i] &= np.abs(speed[i]) > step * mobility * np.abs(friction[i])
             for begin, behind in _lasting(drives):
                 work = np.trapezoid((friction * speed)[begin:behind], t[begin:behind])
                 i = begin + int(np.argmax(np.abs(friction * speed)[begin:behind]))
@@ -204,8 +207,8 @@ def momentum_of_steps(run: Examined) -> Iterator[str]:
     Asked of engines at joint fidelity that keep Coulomb's cone, give accelerations of their own and locate no events;
     of the others `balance`, or nothing, holds. It takes each sample for itself, whatever happens between two. What an
     engine of fixed step reports of an instant is made of states up to a step before and behind it: what the equations
-    change by between these (`WITHIN`), extrapolated from the sample, is allowed, and the change of the forces to the
-    samples beside it. So are `CONTRADICTED` of the largest force on the body, or of the largest friction of the guide,
+    change by with time, with positions and with velocities between these (`WITHIN`), extrapolated from the sample, is
+    allowed, and the change of the forces to the samples beside it. So are `CONTRADICTED` of the largest force on the body, or of the largest friction of the guide,
     and what rounding of the velocities moves the accelerations by. Not judged are fewer than `LASTING` samples in a
     row, instants at which a guide of the part turns around within a step, and forces that are nan or that the motion
     leaves open.
@@ -259,67 +262,80 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
         force[:, column] = found[name][chosen]
     mass = 1.0 / m.inverse_mass
 
-    def remainder(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
+    def remainder(t: np.ndarray, q: np.ndarray, v: np.ndarray,
+                  of: np.ndarray | slice = slice(None)) -> tuple[np.ndarray, ...]:
+        """With the accelerations and forces `of` samples: what is left, columns of the rows, applied forces."""
         columns, free = columns_of_rows(m, t, q, v)
-        return mass * (a - free) - np.einsum("nij,nj->ni", columns, force), columns, mass * free
+        return mass * (a[of] - free) - np.einsum("nij,nj->ni", columns, force[of]), columns, mass * free
 
     left, columns, applied = remainder(t, q, v)
-    parts = np.abs(columns * force[:, None, :])  # of each row's force on each coordinate
-    # at the instants of a step that forces and accelerations may have been made of
-    within = np.zeros_like(left)
-    turns = np.zeros(len(t), dtype=bool)
-    guides = [list(part.scene.joints).index(name) for name in part.guide_names]
-    slips = [guide_motion(m, k, q, v)[1] for k in guides]
-    at_rest = SAME * _speed(run, v)
-    for share in WITHIN:
-        there = _moved(share * step, t, q, v, a)
-        within = np.fmax(within, np.abs(remainder(*there)[0] - left))
-        for k, slip in zip(guides, slips):
-            later = guide_motion(m, k, *there[1:])[1]
-            turns |= (later * slip <= 0.0) & (np.abs(later - slip) > at_rest)
+    # the largest force and moment on each body; a moment that is rounding of a force counts for nothing
+    terms = np.abs(mass * a), np.abs(applied), np.nanmax(np.abs(columns * force[:, None, :]), axis=2, initial=0.0)
+    largest = np.max(terms, axis=(0, 1), initial=0.0)
+    size = largest.copy()
+    size[0::3] = size[1::3] = np.maximum(largest[0::3], largest[1::3])
+    floor = SAME * np.max(size[0::3], initial=0.0) * np.where(np.arange(len(size)) % 3 == 2, m.length_scale, 1.0)
+    rounding = SINGLE * mass * np.max(np.abs(v), axis=0) / step
+    allowed = np.tile(CONTRADICTED * size + floor + rounding, (len(t), 1))
+    suspicious = (np.abs(left) > allowed).any(axis=1)
+
+    # friction: by how much it, with all other row forces, would have to change to leave nothing
+    inverse = np.linalg.pinv(columns)[:, m.rows:]
+    missing = np.einsum("nki,ni->nk", inverse, left)
+    needed = force[:, m.rows:] + missing
+    most = np.array([CONTRADICTED * max(_largest(one), _largest(other))
+                     for one, other in zip(force[:, m.rows:].T, needed.T)])
+    allowed_friction = most + SAME * np.max(size[0::3], initial=0.0) + np.einsum("nki,i->nk", np.abs(inverse), rounding)
+    suspicious |= (np.abs(missing) > allowed_friction).any(axis=1)
+
+    # what the equations change by within a step, and forces to the samples beside it: only where it matters
     change = np.empty_like(force)
     for column in range(len(rows)):
         change[:, column] = _nearby_change(force[:, column])
-    changes = np.sum(np.abs(columns) * change[:, None, :], axis=2)
-    rounding = SINGLE * mass * np.max(np.abs(v), axis=0) / step
-    unknown = within + changes + rounding
+    i = np.flatnonzero(suspicious)
+    within, turns, at_rest = np.zeros((len(i), len(mass))), np.zeros(len(i), dtype=bool), SAME * _speed(run, v)
+    for alone in range(3):  # time, positions, velocities: an engine may take each from another instant of its step
+        changed = np.zeros_like(within)
+        for share in WITHIN if len(i) else ():
+            state = [t[i], q[i], v[i]]
+            state[alone] = _moved(share * step, t[i], q[i], v[i], a[i])[alone]
+            changed = np.fmax(changed, np.abs(remainder(*state, i)[0] - left[i]))
+        within += changed
+    for share in WITHIN if len(i) else ():
+        there = _moved(share * step, t[i], q[i], v[i], a[i])
+        for name in part.guide_names:
+            k = list(part.scene.joints).index(name)
+            now, then = (guide_motion(m, k, *state)[1] for state in ((q[i], v[i]), there[1:]))
+            turns |= (then * now <= 0.0) & (np.abs(then - now) > at_rest)
+    unknown = within + np.sum(np.abs(columns[i]) * change[i, None, :], axis=2)
     unknown[turns] = np.inf
-
-    # the largest force and moment on each body; a moment that is rounding of a force counts for nothing
-    largest = np.nanmax(np.stack([np.abs(mass * a), np.abs(applied), np.nanmax(parts, axis=2, initial=0.0)]),
-                        axis=(0, 1), initial=0.0)
-    size = np.empty_like(largest)
-    size[0::3] = size[1::3] = np.maximum(largest[0::3], largest[1::3])
-    size[2::3] = largest[2::3]
-    floor = SAME * np.max(size[0::3], initial=0.0) * np.where(np.arange(len(size)) % 3 == 2, m.length_scale, 1.0)
-    allowed = CONTRADICTED * size + floor + unknown
-
-    # friction: what row forces, of which it is one, would have to be added to leave the least
-    frictions = []
-    if part.guide_names:
-        inverse = np.linalg.pinv(columns)[:, m.rows:]
-        open_ = parts_of_null_vectors(columns, m.rows)[:, m.rows:]
-        missing = np.where(open_, np.nan, np.einsum("nki,ni->nk", inverse, left))
-        doubt = np.einsum("nki,ni->nk", np.abs(inverse), np.where(np.isfinite(unknown), unknown, 0.0))
-        for i, name in enumerate(part.guide_names):
-            given = force[:, m.rows + i]
-            needed = given + missing[:, i]
-            most = CONTRADICTED * max(_largest(given), _largest(needed)) + SAME * _largest_force(run, part)
-            wrong = (np.abs(missing[:, i]) > most + doubt[:, i]) & ~turns
-            if name in run.scene.frictional_guides:
-                frictions.append((f"{name}.friction", given, needed, wrong))
-    return _LeftOver(left, allowed, frictions)
+    allowed[i] += unknown
+    allowed_friction[i] += np.where(turns[:, None], np.inf, np.einsum(
+        "nki,ni->nk", np.abs(inverse[i]), np.where(turns[:, None], 0.0, unknown)))
+    if part.guide_names and len(i):
+        missing[i] = np.where(parts_of_null_vectors(columns[i], m.rows)[:, m.rows:], np.nan, missing[i])
+    wrong = np.abs(missing) > allowed_friction
+    return _LeftOver(left, allowed, [(f"{name}.friction", force[:, m.rows + k], needed[:, k], wrong[:, k])
+                                     for k, name in enumerate(part.guide_names) if name in run.scene.frictional_guides])
 
 
 def _largest_force(run: Examined, part: Mechanism) -> float:
-    """Return the largest force in a part: of its guides and joints, or a mass times its acceleration, N."""
-    labels = {name: name.rpartition(".")[2] for name in [*part.row_names, *(f"{g}.friction" for g in part.guide_names)]}
-    forces = [_largest(run.found[name]) for name, label in labels.items() if label in ("fx", "fy", "normal_force",
-                                                                                       "friction")]
-    forces += [mass * max(_largest(run.found[f"{body}.ax"]), _largest(run.found[f"{body}.ay"]),
-                          float(np.hypot(*(part.scene.gravity or (0.0, 0.0)))))
-               for body, mass in ((body, part.scene.bodies[body].mass) for body in part.body_names)]
-    return max(forces, default=0.0)
+    """Return the largest force in a part, N: what forces that are zero are the rounding of.
+
+    Those of joints and drives on each body and the applied ones, masses times accelerations, and m v^2/size. A moment
+    counts as the force that it makes on a lever: the mechanism's size, or half the length of the shortest guide.
+    """
+    found, m = run.found, part.arrays
+    q, v, a = (stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS)
+    columns, free = columns_of_rows(m, found.t.astype(float), q, v)
+    size = np.max(np.abs(np.stack([free, a])), axis=(0, 1)) / m.inverse_mass
+    for row, name in enumerate([*part.row_names, *(f"{name}.friction" for name in part.guide_names)]):
+        size = np.maximum(size, np.max(np.abs(columns[:, :, row]), axis=0) * _largest(found[name]))
+    lever = min([m.length_scale, *(guide.length / 2 for guide in part.scene.guides.values() if guide.length)])
+    speed = max(float(np.max(np.abs(v[:, k::3]))) for k in range(2))
+    mass = float(np.max(1.0 / m.inverse_mass[0::3]))
+    return float(max(np.max(size[0::3]), np.max(size[1::3]), np.max(size[2::3]) / lever,
+                     mass * speed ** 2 / m.length_scale))
 
 
 def _moved(time: float, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -160,7 +160,8 @@ def dissipation(run: Examined) -> Iterator[str]:
 
     Asked at each sample of engines that keep Coulomb's cone, so that nothing is taken for granted between samples.
     Not judged are a guide that the engine says sticks, one whose slip may begin, end or turn around within a step of
-    the sample, and a slip that friction stops in less than a step: there friction may be that of another direction.
+    the sample, and a slip that the largest friction would stop in less than a step, which may be what an iteration has
+    left of stick: there friction may be that of another direction.
     What is left must be there at `LASTING` samples in a row. Forces that are nan are not judged, nor forces that are
     rounding of the mechanism's largest, or as small as what Baumgarte's terms accelerate.
     """
@@ -170,12 +171,12 @@ def dissipation(run: Examined) -> Iterator[str]:
     t, step = found.t.astype(float), _step(run)
     accuracy = max(SAME, 10.0 * float(found.settings.get("rtol") or 0.0))
     for part in run.parts:
-        frictional = [name for name in part.guide_names if name in run.scene.frictional_guides]
+        frictional = {name: guide for name, guide in run.scene.frictional_guides.items() if name in part.guide_names}
         if not frictional:
             continue
         q, v, a = (stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS)
         slow = accuracy * _speed(run, v)
-        for name in frictional:
+        for name, guide in frictional.items():
             friction, speed = (found[f"{name}.{label}"].astype(float) for label in ("friction", "slip_velocity"))
             k = list(part.scene.joints).index(name)
             sticks = found.columns.get(f"{name}.mode", np.ones(len(t))) == 0
@@ -184,14 +185,15 @@ def dissipation(run: Examined) -> Iterator[str]:
                 continue
             drives &= np.abs(friction) > accuracy * _largest_force(run, part) + _baumgarte_force(run)
             # slip that may have another direction within a step, or that friction stops in one
-            if step and len(i := np.flatnonzero(drives)):
+            if step and len(some := np.flatnonzero(drives)):
                 for share in WITHIN:
-                    _, there, rate = _moved(share * step, t[i], q[i], v[i], a[i])
-                    drives[i] &= guide_motion(part.arrays, k, there, rate)[1] * speed[i] > 0.0
-                columns, _ = columns_of_rows(part.arrays, t[i], q[i], v[i])
+                    _, there, rate = _moved(share * step, t[some], q[some], v[some], a[some])
+                    drives[some] &= guide_motion(part.arrays, k, there, rate)[1] * speed[some] > 0.0
+                columns, _ = columns_of_rows(part.arrays, t[some], q[some], v[some])
                 along = columns[:, :, part.arrays.rows + part.guide_names.index(name)]
                 mobility = np.sum(along ** 2 * part.arrays.inverse_mass, axis=1)
-                drives[i] &= np.abs(speed[i]) > step * mobility * np.abs(friction[i])
+                most = np.maximum(np.abs(friction), guide.static_coefficient * _load(run, name))[some]
+                drives[some] &= np.abs(speed[some]) > step * mobility * most
             for begin, behind in _lasting(drives):
                 work = np.trapezoid((friction * speed)[begin:behind], t[begin:behind])
                 i = begin + int(np.argmax(np.abs(friction * speed)[begin:behind]))
@@ -205,13 +207,14 @@ def momentum_of_steps(run: Examined) -> Iterator[str]:
     """Newton's and Euler's equations hold at the samples of a fixed step, and friction is what they need along a guide.
 
     Asked of engines at joint fidelity that keep Coulomb's cone, give accelerations of their own and locate no events;
-    of the others `balance`, or nothing, holds. It takes each sample for itself, whatever happens between two. What an
-    engine of fixed step reports of an instant is made of states up to a step before and behind it: what the equations
-    change by with time, with positions and with velocities between these (`WITHIN`), extrapolated from the sample, is
-    allowed, and the change of the forces to the samples beside it. So are `CONTRADICTED` of the largest force on the body, or of the largest friction of the guide,
-    and what rounding of the velocities moves the accelerations by. Not judged are fewer than `LASTING` samples in a
-    row, instants at which a guide of the part turns around within a step, and forces that are nan or that the motion
-    leaves open.
+    of the others `balance`, or nothing, holds. It takes each sample for itself, whatever happens between two.
+
+    What an engine of fixed step reports of an instant is made of states up to a step before and behind it. What the
+    equations change by with time, with positions and with velocities between these (`WITHIN`), extrapolated from the
+    sample, is allowed, and the change of the forces to the samples beside it. So are `CONTRADICTED` of the largest
+    force on the body, or of the largest friction of the guide, and what rounding of the velocities moves the
+    accelerations by. Not judged are fewer than `LASTING` samples in a row, instants at which a guide of the part turns
+    around within a step, and forces that are nan or that the motion leaves open.
     """
     found, t, step = run.found, run.found.t.astype(float), _step(run)
     if (run.locates(found.settings) or run.fidelity != "joint" or "accelerations" in found.settings or not step
@@ -262,13 +265,15 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
         force[:, column] = found[name][chosen]
     mass = 1.0 / m.inverse_mass
 
-    def remainder(t: np.ndarray, q: np.ndarray, v: np.ndarray,
-                  of: np.ndarray | slice = slice(None)) -> tuple[np.ndarray, ...]:
-        """With the accelerations and forces `of` samples: what is left, columns of the rows, applied forces."""
-        columns, free = columns_of_rows(m, t, q, v)
+    def remainder(state: Sequence[np.ndarray], of: np.ndarray | slice) -> tuple[np.ndarray, ...]:
+        """Put accelerations and forces `of` samples into the equations at (t, q, v).
+
+        Returns what is left, the columns of the rows, and the applied forces.
+        """
+        columns, free = columns_of_rows(m, *state)
         return mass * (a[of] - free) - np.einsum("nij,nj->ni", columns, force[of]), columns, mass * free
 
-    left, columns, applied = remainder(t, q, v)
+    left, columns, applied = remainder((t, q, v), slice(None))
     # the largest force and moment on each body; a moment that is rounding of a force counts for nothing
     terms = np.abs(mass * a), np.abs(applied), np.nanmax(np.abs(columns * force[:, None, :]), axis=2, initial=0.0)
     largest = np.max(terms, axis=(0, 1), initial=0.0)
@@ -299,7 +304,7 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
         for share in WITHIN if len(i) else ():
             state = [t[i], q[i], v[i]]
             state[alone] = _moved(share * step, t[i], q[i], v[i], a[i])[alone]
-            changed = np.fmax(changed, np.abs(remainder(*state, i)[0] - left[i]))
+            changed = np.fmax(changed, np.abs(remainder(state, i)[0] - left[i]))
         within += changed
     for share in WITHIN if len(i) else ():
         there = _moved(share * step, t[i], q[i], v[i], a[i])
@@ -317,6 +322,12 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
     wrong = np.abs(missing) > allowed_friction
     return _LeftOver(left, allowed, [(f"{name}.friction", force[:, m.rows + k], needed[:, k], wrong[:, k])
                                      for k, name in enumerate(part.guide_names) if name in run.scene.frictional_guides])
+
+
+def _load(run: Examined, name: str) -> np.ndarray:
+    """Load of a guide, whose times the coefficient bounds friction: the sum of its corner forces, N."""
+    corners = ("F1", "F2", "F3", "F4") if run.scene.guides[name].length is not None else ("normal_force",)
+    return np.sum([np.abs(run.found[f"{name}.{force}"]) for force in corners], axis=0)
 
 
 def _largest_force(run: Examined, part: Mechanism) -> float:
@@ -479,9 +490,7 @@ def cone(run: Examined) -> Iterator[str]:
     found, guides = run.found, run.scene.frictional_guides
     if not guides or not run.keeps(found.settings):
         return
-    loads = {name: np.sum([np.abs(found[f"{name}.{force}"]) for force in
-                           (("F1", "F2", "F3", "F4") if guide.length is not None else ("normal_force",))], axis=0)
-             for name, guide in guides.items()}
+    loads = {name: _load(run, name) for name in guides}
     located, settings = bool(run.locates(found.settings)), found.settings
     fastest = max(_largest(found[f"{body}.{label}"]) for body in run.scene.bodies for label in ("vx", "vy"))
     force = max(*map(_largest, loads.values()),

@@ -13,7 +13,7 @@ import numpy as np
 from stiction.engines.examined import MODES, POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, first
 from stiction.reference_impl.multibody.initial_state import CONSISTENT
 from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Mechanism
+from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
 from stiction.reference_impl.multibody.reactions import columns_of_rows, parts_of_null_vectors
 from stiction.reference_impl.multibody.trajectory_columns import GUIDE_COLUMNS, guide_motion, imbalance, residual_norms
 from stiction.scenes import Event
@@ -254,26 +254,70 @@ class _LeftOver(NamedTuple):
     frictions: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]
 
 
-def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) -> _LeftOver:
-    """Put accelerations and forces of chosen samples into the equations of motion; `step` in seconds."""
-    found, m = run.found, part.arrays
-    t = found.t.astype(float)[chosen]
-    q, v, a = (stacked(found.columns, part.body_names, labels)[chosen] for labels in BODY_COLUMNS)
-    rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
-    force = np.empty((len(t), len(rows)))
-    for column, name in enumerate(rows):
-        force[:, column] = found[name][chosen]
-    mass = 1.0 / m.inverse_mass
+class _Equations(NamedTuple):
+    """Samples of a part, to be put into its equations of motion.
 
-    def remainder(state: Sequence[np.ndarray], of: np.ndarray | slice) -> tuple[np.ndarray, ...]:
+    Attributes
+    ----------
+    arrays : Arrays
+        Of the part's mechanism.
+    t : ndarray, shape (n,)
+    q, v, a : ndarray, shape (n, 3 * bodies)
+    force : ndarray, shape (n, rows + frictional)
+        As of `build_columns`.
+    """
+
+    arrays: Arrays
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    force: np.ndarray
+
+    @staticmethod
+    def of(run: Examined, part: Mechanism, chosen: np.ndarray) -> _Equations:
+        """Take the chosen samples of a run."""
+        rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
+        force = np.empty((len(chosen), len(rows)))  # a free body has no rows
+        for column, name in enumerate(rows):
+            force[:, column] = run.found[name][chosen]
+        q, v, a = (stacked(run.found.columns, part.body_names, labels)[chosen] for labels in BODY_COLUMNS)
+        return _Equations(part.arrays, run.found.t.astype(float)[chosen], q, v, a, force)
+
+    def remainder(self, state: Sequence[np.ndarray], of: np.ndarray | slice) -> tuple[np.ndarray, ...]:
         """Put accelerations and forces `of` samples into the equations at (t, q, v).
 
         Returns what is left, the columns of the rows, and the applied forces.
         """
-        columns, free = columns_of_rows(m, *state)
-        return mass * (a[of] - free) - np.einsum("nij,nj->ni", columns, force[of]), columns, mass * free
+        mass = 1.0 / self.arrays.inverse_mass
+        columns, free = columns_of_rows(self.arrays, *state)
+        left = mass * (self.a[of] - free) - np.einsum("nij,nj->ni", columns, self.force[of])
+        return left, columns, mass * free
 
-    left, columns, applied = remainder((t, q, v), slice(None))
+    def within(self, of: np.ndarray, step: float) -> np.ndarray:
+        """By how much the equations `of` samples change within a step (s) before and behind these, N or N m.
+
+        The sum of the changes with time, with positions and with velocities: an engine may take each from another
+        instant of its step.
+        """
+        here = self.t[of], self.q[of], self.v[of]
+        left, total = self.remainder(here, of)[0] if len(of) else None, np.zeros((len(of), self.q.shape[1]))
+        for alone in range(3) if len(of) else ():
+            changed = np.zeros_like(total)
+            for share in WITHIN:
+                state = list(here)
+                state[alone] = _moved(share * step, *here, self.a[of])[alone]
+                changed = np.fmax(changed, np.abs(self.remainder(state, of)[0] - left))
+            total += changed
+        return total
+
+
+def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) -> _LeftOver:
+    """Put accelerations and forces of chosen samples into the equations of motion; `step` in seconds."""
+    equations = _Equations.of(run, part, chosen)
+    m, t, q, v, a, force = equations
+    mass = 1.0 / m.inverse_mass
+    left, columns, applied = equations.remainder((t, q, v), slice(None))
     # the largest force and moment on each body; a moment that is rounding of a force counts for nothing
     terms = np.abs(mass * a), np.abs(applied), np.nanmax(np.abs(columns * force[:, None, :]), axis=2, initial=0.0)
     largest = np.max(terms, axis=(0, 1), initial=0.0)
@@ -295,24 +339,17 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
 
     # what the equations change by within a step, and forces to the samples beside it: only where it matters
     change = np.empty_like(force)
-    for column in range(len(rows)):
+    for column in range(force.shape[1]):
         change[:, column] = _nearby_change(force[:, column])
     i = np.flatnonzero(suspicious)
-    within, turns, at_rest = np.zeros((len(i), len(mass))), np.zeros(len(i), dtype=bool), SAME * _speed(run, v)
-    for alone in range(3):  # time, positions, velocities: an engine may take each from another instant of its step
-        changed = np.zeros_like(within)
-        for share in WITHIN if len(i) else ():
-            state = [t[i], q[i], v[i]]
-            state[alone] = _moved(share * step, t[i], q[i], v[i], a[i])[alone]
-            changed = np.fmax(changed, np.abs(remainder(state, i)[0] - left[i]))
-        within += changed
+    turns, at_rest = np.zeros(len(i), dtype=bool), SAME * _speed(run, v)
     for share in WITHIN if len(i) else ():
         there = _moved(share * step, t[i], q[i], v[i], a[i])
         for name in part.guide_names:
             k = list(part.scene.joints).index(name)
             now, then = (guide_motion(m, k, *state)[1] for state in ((q[i], v[i]), there[1:]))
             turns |= (then * now <= 0.0) & (np.abs(then - now) > at_rest)
-    unknown = within + np.sum(np.abs(columns[i]) * change[i, None, :], axis=2)
+    unknown = equations.within(i, step) + np.sum(np.abs(columns[i]) * change[i, None, :], axis=2)
     unknown[turns] = np.inf
     allowed[i] += unknown
     allowed_friction[i] += np.where(turns[:, None], np.inf, np.einsum(
@@ -328,6 +365,24 @@ def _load(run: Examined, name: str) -> np.ndarray:
     """Load of a guide, whose times the coefficient bounds friction: the sum of its corner forces, N."""
     corners = ("F1", "F2", "F3", "F4") if run.scene.guides[name].length is not None else ("normal_force",)
     return np.sum([np.abs(run.found[f"{name}.{force}"]) for force in corners], axis=0)
+
+
+def _load_within(run: Examined, name: str, chosen: np.ndarray) -> np.ndarray:
+    """By how much the load of a guide may change within a step of chosen samples, N.
+
+    Its reactions R and T change by what `_Equations.within` leaves for them. The load is max(|R|, 2 |N| / length) with
+    N = T - width/2 kappa R, and |kappa| is the static coefficient at most (paper, Sect. 5).
+    """
+    part = next(part for part in run.parts if name in part.guide_names)
+    equations, guide = _Equations.of(run, part, chosen), run.scene.guides[name]
+    places = np.arange(len(chosen))
+    _, columns, _ = equations.remainder((equations.t, equations.q, equations.v), places)
+    moved = np.einsum("nki,ni->nk", np.abs(np.linalg.pinv(columns)), equations.within(places, _step(run)))
+    normal, moment = (moved[:, part.row_names.index(f"{name}.{label}")] for label in ("normal_force", "moment"))
+    if guide.length is None:
+        return normal
+    lever = (guide.width or 0.0) / guide.length * guide.static_coefficient
+    return (1.0 + lever) * normal + 2.0 / guide.length * moment
 
 
 def _largest_force(run: Examined, part: Mechanism) -> float:
@@ -484,8 +539,8 @@ def cone(run: Examined) -> Iterator[str]:
     Where events are located, both hold to `SAME` of the largest force, or of m v^2/size where there is none, or to ten
     times the tolerance, by which states are wrong; what Baumgarte's terms accelerate is allowed. At fixed step size
     friction has the bound of a step before: it must lie within the coefficient times the load, and the change of that
-    to the sample before or behind; with the larger coefficient, unless the guide slips faster than its speed changes
-    there. Forces that are nan are not judged.
+    within a step or to the sample before or behind; with the larger coefficient, unless the guide slips faster than its
+    speed changes there. Forces that are nan are not judged.
     """
     found, guides = run.found, run.scene.frictional_guides
     if not guides or not run.keeps(found.settings):
@@ -507,6 +562,8 @@ def cone(run: Examined) -> Iterator[str]:
         if not located:
             bound += _nearby_change(bound)
         excess = np.where(located & slips, np.abs(friction + mode * bound), np.abs(friction) - bound)
+        if not located and len(beyond := np.flatnonzero((excess > allowed) & (found.t >= begins))):
+            excess[beyond] -= guide.static_coefficient * _load_within(run, name, beyond)
         if (i := first((excess > allowed) & (found.t >= begins))) is not None:
             expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
             yield (f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected "

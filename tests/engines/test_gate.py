@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from conftest import installed
 from random_joint_scenes import random_joint_scene
+from turning_scenes import draw
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
@@ -341,6 +342,14 @@ def test_what_turns_between_samples_is_not_judged(force, turns):
     scene = scene_from_dict(tables, "turning")
     assert ReferenceEngine().simulate(scene, rtol=1e-9, output_step=step).termination == "end"
     assert Stepped().simulate(scene, rtol=1e-9, output_step=step).termination == "end"
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_bound_that_changes_between_samples_is_no_fault(seed):
+    """Steps of 1 ms, samples of 10 ms: a turning force moves the load by more from one step to the next than neighbouring samples show."""
+    pytest.importorskip("pymunk")
+    scene = scene_from_dict(draw(np.random.default_rng(seed)).tables, "turning")
+    assert load_engine("pymunk").simulate(scene, dt=1e-3).termination == "end"
 
 
 @pytest.mark.parametrize("load", [0.0, 1e-15])

@@ -445,9 +445,12 @@ def _findings(scene: Scene, full: Trajectory, given: Collection[str]) -> Iterato
     """What the gate finds of the columns that are given: the first fault of each of its checks."""
     states = _has(given, scene, POSITIONS, VELOCITIES)
     forces = all(name in given for name in columns_of(scene) if unit_of(name, scene) in ("N", "N m"))
+    rates = states and _has(given, scene, ACCELERATIONS)
     checks: dict[Predicate, bool] = {
         coherence.start: states and full.t[0] == 0, coherence.residuals: states, coherence.velocities: states,
-        coherence.displacements: states, coherence.balance: states and forces, coherence.corner_forces: forces,
+        coherence.displacements: states, coherence.dissipation: states and forces,
+        coherence.momentum_of_steps: rates and forces, coherence.balance: rates and forces,
+        coherence.corner_forces: forces,
         coherence.modes: True, coherence.unreported_events: states, coherence.cone: states and forces,
         coherence.continuity: states}
     step = _step(full.t)

@@ -139,7 +139,7 @@ def _call_sealed(call: bytes) -> Any:
     return function(*args)
 
 
-class ChildrenEnded(RuntimeError):
+class ChildrenEnded(StictionError):
     """`IdleChildren.end_all` was called while, or before, tasks were to be made in them."""
 
 

@@ -19,6 +19,7 @@ import numpy as np
 import pyarrow as pa
 
 from stiction.engines.isolation import Outcome
+from stiction.scenes import StictionError
 
 MARK = b"outcome 2\n"
 """Begins the bytes of this format; an earlier one was a pickle and nothing else."""
@@ -27,7 +28,7 @@ _WORD = 8  # bytes of a number
 _SIZE = 8  # bytes for the size before compression, which the codec wants to know
 
 
-class NotAnOutcome(ValueError):
+class NotAnOutcome(StictionError):
     """The bytes are not what `pack` makes."""
 
 

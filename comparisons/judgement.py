@@ -6,9 +6,10 @@ is there.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+import hashlib
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,12 @@ import pandas as pd
 
 from stiction.comparisons.judgement_in_words import FOUND, INVENTED, MISSED, UNRESOLVED, presentation
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
+from stiction.comparisons.measures.completed_motion import Completion, energy_of_motion, slips
 from stiction.comparisons.measures.drift import drift
+from stiction.comparisons.measures.other_parameters import COLUMNS as OTHER
+from stiction.comparisons.measures.other_parameters import explanations
 from stiction.comparisons.measures.result_errors import TURN, column_errors
-from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.comparisons.measures.torque_jumps import SAMPLES, jump_rows
 from stiction.comparisons.presentation.presentation import Presentation
@@ -33,6 +37,7 @@ from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Event, InputError, Scene, Trajectory, load_scene, vary
+from stiction.scenes.column_file import Changed, ColumnFile, Joined, collected, in_parts
 from stiction.scenes.columns import columns_of, unit_of
 from stiction.scenes.result_table import ResultTable, result_table
 from stiction.scenes.trajectory import stacked
@@ -47,6 +52,15 @@ RESOLVED = 3
 PLACES, HELD = 21, 1e-6
 """Instants at which the free motions of a mechanism are looked at, and the part of one in them up to which a coordinate
 is held: a truth without some of the bodies' angles leaves rounding, a free coordinate has a thousandth and more."""
+CORNERS, EDGE = ("F1", "F2", "F3", "F4"), 3
+"""Corner forces of a guide, and rows on either side of a part of a table that checks of neighbours look at."""
+AT_ONCE = 2 ** 16
+"""Instants of a table that are looked at together, at most: all columns of a mechanism there take some 20 MB."""
+SOLVED, RUN = 2 ** 14, 2 ** 18
+"""Instants at which a truth is found together, at most: a truth keeps its columns at the last ones that it was asked
+for, and one that is our own run is integrated anew each time."""
+READING, COMPARING = 0.2, 0.5
+"""Parts of the time that reading a long table, and comparing it with the truth, take."""
 PHASE = ["guide", "begin", "end", "duration", "samples", "verdict", "fastest_slip"]
 """Columns of a stick phase."""
 
@@ -55,9 +69,11 @@ PHASE = ["guide", "begin", "end", "duration", "samples", "verdict", "fastest_sli
 class Judgement:
     """What a table of results is worth.
 
-    `tables`: ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``; there may
-    be no rows. `trajectory`: the table, one row per instant, both sides of jumps as events, with displacements, slip
-    velocities and drift that follow from its columns.
+    `tables`: ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``,
+    ``other-parameters`` (a row per hypothesis that was tried, see `explanations`); there may be no rows. `truth`: at
+    more than some ten thousand instants it has only the table's columns, and those that follow from them. `trajectory`:
+    the table, one row per instant, both sides of jumps as events, with displacements, slip velocities and drift that
+    follow from its columns.
     """
 
     scene: Scene
@@ -139,7 +155,8 @@ class Judgement:
 
 
 def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | None = None,
-          units: Mapping[str, float] | None = None, t_end: float | None = None) -> Judgement:
+          units: Mapping[str, float] | None = None, t_end: float | None = None,
+          tell: Callable[[float], None] | None = None) -> Judgement:
     """Judge the results of anybody's program on a scene.
 
     Parameters
@@ -156,6 +173,8 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
         Size in SI by what is measured: ``{"length": 1e-3, "angle": pi/180}``; also ``"time"`` and ``"force"``.
     t_end
         Seconds that the results should cover; the scene's own if None.
+    tell
+        Is called with the part of the work that is done, above 0, up to 1.
 
     Raises
     ------
@@ -172,42 +191,96 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
         scene = vary(scene, {"t_end": t_end})
     if isinstance(frame, Trajectory):
         frame = frame.to_frame(events=True, interpolated=True)
-    table = result_table(frame, scene, mapping, units)
+    done = _forwards(tell or (lambda share: None))
+    table = result_table(frame, scene, mapping, units, spills=True, tell=lambda share: done(READING * share))
     truth = truth or ground_truth(scene)
     table = _within(table, min(scene.t_end, truth.t_end))
-    truth = replace(truth, columns=_remembering(truth.columns))
+    wanted = {*table.columns, *(f"{guide}.{label}" for guide in scene.guides for label in ("slip_velocity", "mode")),
+              *(f"{body}.{label}" for body in scene.bodies for label in POSITIONS)}
+    compared = Compared(truth.columns, wanted, RUN if truth.tier == OWN_RUN else SOLVED,
+                        lambda share: done(READING + COMPARING * share))
+    truth = replace(truth, columns=compared)
     given = _trajectory(scene, table, truth)
-    derived = _derived(scene, given)
-    full = replace(given, columns={**derived, **given.columns})
+    derived = _derived(scene, given, truth)
+    full = replace(given, columns=Joined(given.columns, derived))
+    errors_of_columns = column_errors(table, given, truth, scene)
+    done(READING + COMPARING)
     phases = [] if truth.tier == NO_TRUTH else [
         phase for guide in scene.frictional_guides for phase in _stick_phases(scene, full, truth, guide)]
-    return Judgement(scene, table, truth, {
-        "errors": column_errors(table, given, truth, scene),
-        "summary": pd.DataFrame([_summary(scene, table, replace(full, columns={**full.columns, **derived}), truth)]),
+    # a table that must be read in another way, or is a row late, is explained by that
+    others = [] if truth.tier == NO_TRUTH or (errors_of_columns["hint"] != "").any() else explanations(
+        scene, table, truth)
+    summary = _summary(scene, table, replace(full, columns=Joined(derived, full.columns)), truth)
+    judged = Judgement(scene, table, truth, {
+        "errors": errors_of_columns, "summary": pd.DataFrame([summary]),
         "stick-phases": pd.DataFrame(phases, columns=PHASE),
+        "other-parameters": pd.DataFrame([one.row() for one in others], columns=OTHER),
         "jumps": pd.DataFrame([*_jumps(scene, full, truth)] or {"effort": []}),
         "findings": pd.DataFrame({"finding": list(_findings(scene, full, given.columns))}, dtype=object)}, full)
+    done(1.0)
+    return judged
 
 
-def _remembering(columns: Columns) -> Columns:
-    """Keep what was found: that of our own run is integrated at each call, and every column asks for the same times."""
-    @cache
-    def found(t: bytes, side: str) -> dict[str, np.ndarray]:
-        return columns(np.frombuffer(t), side)
+def _forwards(tell: Callable[[float], None]) -> Callable[[float], None]:
+    """Tell of progress only what is more than before: a truth is sought at several sets of instants."""
+    furthest = 0.0
 
-    return lambda t, side: found(t.tobytes(), side)
+    def done(share: float) -> None:
+        nonlocal furthest
+        if share > furthest:
+            furthest = share
+            tell(share)
+    return done
+
+
+class Compared:
+    """The columns of a truth, `Columns`, for a table that may be long, at whose times they are asked for repeatedly.
+
+    What was found is kept: the truth of our own run is integrated at each call, and every column asks for the same
+    times. At more than `most` instants the truth is found part by part, and only the columns `wanted` are kept, in a
+    temporary file. `tell` is called with the part of such a search that is done.
+    """
+
+    def __init__(self, columns: Columns, wanted: Collection[str], most: int, tell: Callable[[float], None]):
+        self._columns, self._wanted, self._most, self._tell = columns, wanted, most, tell
+        self._found: dict[tuple[bytes, str], Mapping[str, np.ndarray]] = {}
+
+    def __call__(self, t: np.ndarray, side: str) -> Mapping[str, np.ndarray]:
+        key = hashlib.sha256(np.ascontiguousarray(t).data).digest(), side
+        if key not in self._found:
+            self._found[key] = self._columns(t, side) if len(t) <= self._most else self._in_parts(t, side)
+        return self._found[key]
+
+    def _in_parts(self, t: np.ndarray, side: str) -> Mapping[str, np.ndarray]:
+        def made(part: slice) -> dict[str, np.ndarray]:
+            found = self._columns(np.array(t[part]), side)
+            self._tell(part.stop / len(t))
+            return {name: values for name, values in found.items() if name in self._wanted}
+        return collected(len(t), self._most, made)
 
 
 def _within(table: ResultTable, t_end: float) -> ResultTable:
     """The rows until the end; what rounding adds to the last one is taken off, and angles within a turn go on."""
-    kept = table.t <= t_end * (1 + 1e-9)
-    if np.count_nonzero(kept) < 2:
+    rows = int(np.count_nonzero(table.t <= t_end * (1 + 1e-9)))  # times are in order
+    if rows < 2:
         raise InputError(f"{table.origin}: found times from {table.t[0]:g} s on; "
                          f"expected two rows within 0 .. {t_end:g} s")
-    columns = {name: values[kept] for name, values in table.columns.items()}
-    wrapped = [name for name in columns if name.endswith(".angle") and np.ptp(columns[name]) <= TURN * (1 + 1e-6)]
-    return replace(table, t=np.clip(table.t[kept], 0.0, t_end),
-                   columns=columns | {name: np.unwrap(columns[name]) for name in wrapped})
+    columns = Changed(table.columns, lambda name, values: values[:rows])
+    angles = [name for name in columns if name.endswith(".angle")]
+    wrapped = [name for name in angles if np.ptp(columns[name]) <= TURN * (1 + 1e-6)]
+    turned = {name for name in wrapped if np.any(np.abs(np.diff(columns[name])) > np.pi)}
+    return replace(table, t=np.clip(table.t[:rows], 0.0, t_end), columns=columns if not turned else Joined(
+        _kept(rows, turned, lambda name: np.unwrap(columns[name])), columns))
+
+
+def _kept(rows: int, names: Iterable[str], made: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
+    """Columns that are made one after another: in memory, or of many rows in a temporary file."""
+    if rows <= AT_ONCE:
+        return {name: made(name) for name in names}
+    kept = ColumnFile(rows)
+    for name in names:
+        kept.write(name, 0, made(name))
+    return kept
 
 
 def _trajectory(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
@@ -220,8 +293,10 @@ def _trajectory(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
               if t[0] < time < t[-1]
               for kind, guide in [*changed_modes(scene.frictional_guides, before, after)] or _nearest(truth, time)]
     rows = last[(first == last) | (t[last] == t[0]) | (t[last] == t[-1])]
-    return Trajectory(scene.name, "table", "", "joint", t[rows],
-                      {name: values[rows] for name, values in table.columns.items()}, tuple(events), mechanism=scene)
+    columns = table.columns
+    if len(rows) < len(t):
+        columns = _kept(len(rows), table.columns, lambda name: table.columns[name][rows])
+    return Trajectory(scene.name, "table", "", "joint", t[rows], columns, tuple(events), mechanism=scene)
 
 
 def _nearest(truth: Truth, time: float) -> list[tuple[str, str]]:
@@ -237,26 +312,41 @@ def _has(columns: Collection[str], scene: Scene, *labels: tuple[str, ...]) -> bo
     return all(f"{body}.{label}" in columns for body in scene.bodies for kind in labels for label in kind)
 
 
-def _derived(scene: Scene, found: Trajectory) -> dict[str, np.ndarray]:
+def _derived(scene: Scene, found: Trajectory, truth: Truth) -> Mapping[str, np.ndarray]:
     """Displacements, slip velocities and drift that follow from what is given: from the states of all bodies.
 
-    Without velocities a slip velocity is the difference quotient of displacements.
+    Without velocities a slip velocity is the difference quotient of displacements. Where some coordinates are given
+    and determine the others, slip velocities alone: the residuals of completed states are zero by construction.
     """
-    columns, moves = dict[str, np.ndarray](), _has(found.columns, scene, VELOCITIES)
+    columns: Mapping[str, np.ndarray] = {}
+    moves = _has(found.columns, scene, VELOCITIES)
     if _has(found.columns, scene, POSITIONS):
         mechanism = Mechanism(scene, stabilization="none")
-        q = stacked(found.columns, scene.bodies, POSITIONS)
-        v = stacked(found.columns, scene.bodies, VELOCITIES) if moves else np.zeros_like(q)
-        force = np.zeros((len(found.t), len(mechanism.row_names) + len(mechanism.guide_names)))
         names = [f"{guide}.{label}" for guide in scene.guides for label in ("displacement", "slip_velocity")]
-        columns = build_columns(mechanism, found.t, q, v, np.zeros_like(q), force,
-                                names=[*names, "drift.position", "drift.velocity"])
+
+        def made(part: slice) -> dict[str, np.ndarray]:
+            here = {name: found[name][part] for labels in (POSITIONS, VELOCITIES) for body in scene.bodies
+                    for label in labels if (name := f"{body}.{label}") in found}
+            q = stacked(here, scene.bodies, POSITIONS)
+            v = stacked(here, scene.bodies, VELOCITIES) if moves else np.zeros_like(q)
+            force = np.zeros((len(q), len(mechanism.row_names) + len(mechanism.guide_names)))
+            return build_columns(mechanism, found.t[part], q, v, np.zeros_like(q), force,
+                                 names=[*names, "drift.position", "drift.velocity"])
+
+        columns = collected(len(found.t), AT_ONCE, made)
         if moves:
             return columns
-        columns["drift.velocity"] = np.full(len(found.t), np.nan)
-    way = {**found.columns, **columns}
-    return columns | {f"{guide}.slip_velocity": np.gradient(way[f"{guide}.displacement"], found.t)
-                      for guide in scene.guides if f"{guide}.displacement" in way}
+        columns = Joined({"drift.velocity": np.full(len(found.t), np.nan)}, columns)
+    elif completion := Completion.of(scene, found.columns, truth):
+        known = slips(completion, found.t, found.columns)
+        columns = {name: values for name, values in known.items() if name not in found}
+        if columns:
+            return columns
+    way = Joined(found.columns, columns)
+    named = [f"{guide}.slip_velocity" for guide in scene.guides if f"{guide}.displacement" in way]
+    quotients = _kept(len(found.t), named, lambda name: np.gradient(
+        way[f"{name.rpartition('.')[0]}.displacement"], found.t))
+    return Joined(quotients, columns)
 
 
 def prescribed(scene: Scene, truth: Truth) -> set[str]:
@@ -296,12 +386,21 @@ def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -
     """Sampling, errors of all columns together, drift, energy."""
     row: dict[str, Any] = {
         "two_sided_instants": len(full.events), "table_begin": float(table.t[0]),
-        "table_end": float(table.t[-1]), "t_end [s]": scene.t_end, "sample_distance": _step(full.t),
+        "table_end": float(table.t[-1]), "t_end": scene.t_end, "sample_distance": _step(full.t),
         **(drift(full) if "drift.position" in full and "drift.velocity" in full else {}),
         **errors(full, truth, size_of(scene))}
     if all(name in table.columns for name in needed_columns(scene)):
-        row |= zip(("energy error [J]", "energy uncertainty [J]", "energy exchanged [J]"),
+        row |= zip(("energy_error", "energy_uncertainty", "energy_exchanged"),
                    unaccounted_energy(scene, table.t, table.columns))
+        return row
+    instants = table.last
+    columns = table.columns if len(instants) == len(table.t) else Changed(
+        table.columns, lambda name, values: values[instants])
+    completion = Completion.of(scene, columns, truth)
+    found = completion and energy_of_motion(completion, table.t[instants], columns)
+    if found:
+        row |= zip(("completed_energy_error", "completed_energy_uncertainty",
+                    "completed_energy_exchanged"), found)
     return row
 
 
@@ -346,17 +445,57 @@ def _findings(scene: Scene, full: Trajectory, given: Collection[str]) -> Iterato
     """What the gate finds of the columns that are given: the first fault of each of its checks."""
     states = _has(given, scene, POSITIONS, VELOCITIES)
     forces = all(name in given for name in columns_of(scene) if unit_of(name, scene) in ("N", "N m"))
+    rates = states and _has(given, scene, ACCELERATIONS)
     checks: dict[Predicate, bool] = {
         coherence.start: states and full.t[0] == 0, coherence.residuals: states, coherence.velocities: states,
-        coherence.displacements: states, coherence.balance: states and forces, coherence.corner_forces: forces,
+        coherence.displacements: states, coherence.dissipation: states and forces,
+        coherence.momentum_of_steps: rates and forces, coherence.balance: rates and forces,
+        coherence.corner_forces: forces,
         coherence.modes: True, coherence.unreported_events: states, coherence.cone: states and forces,
         coherence.continuity: states}
-    # of accelerations that are not given the check of velocities takes the size
-    second = {f"{body}.{label}": np.gradient(full[f"{body}.{rate}"], full.t) for body in scene.bodies
-              for rate, label in zip(VELOCITIES, ACCELERATIONS)} if states else {}
     step = _step(full.t)
-    found = replace(full, columns={**second, **full.columns}, settings={} if full.events else {"dt": step})
-    run = Examined(found, scene, float(full.t[-1]), None, step, "joint", lambda _: bool(full.events), lambda _: True)
+    settings = {} if full.events else {"dt": step}
     for check, applies in checks.items():
-        if applies and (finding := next(check(run), None)):
-            yield finding
+        if not applies:
+            continue
+        for found in _looked_at(scene, full, check) if len(full.t) > AT_ONCE else [full]:
+            # of accelerations that are not given the check of velocities takes the size
+            second = {f"{body}.{label}": np.gradient(found[f"{body}.{rate}"], found.t) for body in scene.bodies
+                      for rate, label in zip(VELOCITIES, ACCELERATIONS)} if states else {}
+            found = replace(found, columns=Joined(found.columns, second), settings=settings)
+            run = Examined(found, scene, float(full.t[-1]), None, step, "joint", lambda _: bool(full.events),
+                           lambda _: True)
+            if finding := next(check(run), None):
+                yield finding
+                break
+
+
+def _looked_at(scene: Scene, full: Trajectory, check: Predicate) -> Iterator[Trajectory]:
+    """The rows of a long table that a check looks at together: all of them, `AT_ONCE` at a time.
+
+    Checks measure faults in parts of the largest values of a run, so that every part also has the rows with the
+    largest value of each column and of each guide's load, their neighbours, and the first two rows. What sums over all
+    of a run, the check of velocities, has every k-th row instead.
+    """
+    rows = len(full.t)
+    if check is coherence.velocities:
+        yield _rows(full, np.arange(0, rows, -(-rows // AT_ONCE)))
+        return
+    if check is coherence.start:
+        yield _rows(full, np.arange(2))
+        return
+    largest = [0, *(int(np.nanargmax(np.abs(full[name]))) for name in full.columns if np.isfinite(full[name]).any())]
+    for guide in scene.frictional_guides:
+        if all(f"{guide}.{corner}" in full for corner in CORNERS):
+            largest.append(int(np.nanargmax(sum(np.nan_to_num(np.abs(full[f"{guide}.{corner}"]))
+                                                for corner in CORNERS))))
+    for part in in_parts(rows, AT_ONCE):
+        begin, end = max(0, part.start - EDGE), min(rows, part.stop + EDGE)
+        beside = [row + shift for row in largest for shift in range(-EDGE, EDGE + 1)]
+        extra = np.array([row for row in beside if 0 <= row < rows and not begin <= row < end], dtype=int)
+        yield _rows(full, np.unique(np.concatenate([extra, np.arange(begin, end)])))
+
+
+def _rows(full: Trajectory, rows: np.ndarray) -> Trajectory:
+    """Some rows of a trajectory, all of its events."""
+    return replace(full, t=full.t[rows], columns={name: full[name][rows] for name in full.columns})

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from stiction.comparisons.measures.accuracy import TORQUE_ERROR, truth_over_time
+from stiction.comparisons.measures.other_parameters import Hypothesis
 from stiction.comparisons.measures.result_errors import COARSE, UNDETERMINED
 from stiction.comparisons.measures.scene_truth import OWN_RTOL, OWN_RUN
 from stiction.comparisons.presentation import (TRUTH, Axis, Chart, Column, Panel, Presentation, Series, TableView,
@@ -30,7 +31,7 @@ NOTES = ("Errors are taken at the table's own instants: nothing between its rows
          "size: the largest value of the true column. tier: what the truth of the column rests on.",
          "A true stick phase is found where all samples in it, but the first and the last, are at rest: slower than a "
          "thousandth of the largest slip speed, or of mode 0.")
-PART = "The table goes from {} s to {} s, the scene from 0 to {} s.", "table_begin", "table_end", "t_end [s]"
+PART = "The table goes from {} s to {} s, the scene from 0 to {} s.", "table_begin", "table_end", "t_end"
 SUMMED = (
     ("Largest velocity error: {} m/s.", "velocity_error"),
     ("Efforts of drives are off by {} N m or N in the mean.", TORQUE_ERROR),
@@ -39,14 +40,18 @@ SUMMED = (
     ("Times of events are off by at most {} s.", "event_time_error"))
 BALANCED = (
     ("Constraints are violated by at most {} m; the drift is: {}.", "position_drift", "growth"),
-    ("Energy: {} J of the {} J exchanged are not accounted for.", "energy error [J]", "energy exchanged [J]"))
+    ("Energy: {} J of the {} J exchanged are not accounted for.", "energy_error", "energy_exchanged"),
+    ("Energy of the motion, with forces that follow from it and friction by Coulomb's law: {} J of the {} J of kinetic "
+     "energy exchanged are not accounted for.", "completed_energy_error",
+     "completed_energy_exchanged"))
 """Sentences, and the columns of the summary whose cells are in them."""
 
 
 def presentation(judged: Judgement) -> Presentation:
     """Say what a table of results is worth: errors, stick phases, jumps, drift, energy, and what samples can show."""
-    findings = [*_truth(judged), *_reading(judged), *_summed(judged, SUMMED), *_accelerations(judged),
-                *_stick_phases(judged), *_jumps(judged), *_summed(judged, BALANCED), *_not_judged(judged)]
+    findings = [*_truth(judged), *_reading(judged), *_other_parameters(judged), *_summed(judged, SUMMED),
+                *_accelerations(judged), *_stick_phases(judged), *_jumps(judged), *_summed(judged, BALANCED),
+                *_not_judged(judged)]
     return Presentation(_answer(judged), tuple(filter(None, findings)), (), tuple(_tables(judged)),
                         tuple(_figures(judged)), NOTES)
 
@@ -90,6 +95,26 @@ def _reading(judged: Judgement) -> Iterator[TracedText]:
         yield TracedText(f"{', '.join(columns)}: {cause}" + "." * (not cause.endswith("?")) + kept)
     if not judged.is_complete:
         yield from _summed(judged, [PART])
+
+
+def _other_parameters(judged: Judgement) -> Iterator[TracedText]:
+    """The parameter with which the scene's motion is that of the table, where one alone explains the errors."""
+    name, table = "other-parameters", judged.tables["other-parameters"]
+    for row in table.index[table["named"].astype(bool)]:
+        cause = Hypothesis(table.at[row, "hypothesis"])
+        known = not pd.isna(table.at[row, "value"])
+        size = value(name, table, row, "value" if known else "factor", form=".6g")
+        what, question = {
+            Hypothesis.ONE_COEFFICIENT: ("mus = mu", "is the static coefficient used?"),
+            Hypothesis.KINETIC: ("mu", "is another kinetic coefficient used?"),
+            Hypothesis.FRICTION: ("mu (and mus in proportion)", "are other coefficients of friction used?"),
+            Hypothesis.GRAVITY: ("g", "is another g used?")}[cause]
+        numbers: list[Any] = [what] if cause is Hypothesis.ONE_COEFFICIENT else [what, size]
+        found = "{}" if len(numbers) == 1 else "{} times {}" if not known else "{} = {}"
+        found += " m/s²" * (cause is Hypothesis.GRAVITY)
+        yield traced("The table agrees with " + found + ": errors are {} of the motion's size then, and {} as the "
+                     "scene is; {}", *numbers, value(name, table, row, "error after", form=".2g"),
+                     value(name, table, row, "error before", form=".2g"), question)
 
 
 def _summed(judged: Judgement, sentences: Iterable[Sequence[str]]) -> Iterator[TracedText]:
@@ -159,7 +184,7 @@ def _not_judged(judged: Judgement) -> Iterator[TracedText]:
                "jumps (efforts of drives)": scene.frictional_guides and scene.drives and not efforts,
                "constraint drift (positions of all bodies)": "drift.position" not in run,
                f"energy ({names([name for name in needed_columns(scene) if name not in given])})":
-               "energy error [J]" not in judged.tables["summary"]}
+               not {"energy_error", "completed_energy_error"} & {*judged.tables["summary"]}}
     known = set(judged.tables["errors"]["column"])
     unknown = [name for name in given if judged.truth.tier != NO_TRUTH and name not in known
                and not name.endswith(".mode") and not name.startswith("drift.")]
@@ -203,7 +228,7 @@ def _figures(judged: Judgement) -> Iterator[Chart]:
         top = top[off[top] > 0]  # a logarithmic axis has no zero
         differences.append(Series(name, run.t[top], off[top].to_numpy(), look=name))
     if any(len(one.x) for one in differences):
-        panels.append(Panel("positions", Axis("time"), Axis("difference [m]", log=True), differences))
+        panels.append(Panel("positions", Axis("time [s]"), Axis("difference [m]", log=True), differences))
     true = judged.tables["stick-phases"].query("verdict != @INVENTED")
     shades = list(zip(true["begin"], true["end"]))
     t, every = np.linspace(run.t[0], run.t[-1], DRAWN), slice(None, None, -(-len(run.t) // POINTS))
@@ -211,7 +236,7 @@ def _figures(judged: Judgement) -> Iterator[Chart]:
     for name, label in drawn + [(f"{drive}.effort", "effort [N m or N]") for drive in judged.scene.drives]:
         if name in known and name in run:
             times, values = truth_over_time(judged.truth, name, t)
-            panels.append(Panel(name, Axis("time"), Axis(label), [
+            panels.append(Panel(name, Axis("time [s]"), Axis(label), [
                 Series("truth", times, values, look=TRUTH),
                 Series("table", run.t[every], run[name][every], look="table", line=False, points=True,
                        hollow=True)], shades=shades))

@@ -339,12 +339,29 @@ CLAIMS = (
 )
 """Claims of the paper."""
 
+JUDGE = (
+    _category("measure", description="how the error of a column is measured"), _text("hint"), _flag("is_input", "prescribed"),
+    _value("error_time", "time of the error", "s"),
+    _category("guide"), _value("begin", "begin", "s"), _value("duration", "duration", "s"), _count("samples"),
+    _value("fastest_slip", "fastest slip", "m/s"),
+    _value("table_begin", "begin of the table", "s"), _value("table_end", "end of the table", "s"),
+    _value("t_end", "end of the scene", "s"), _value("sample_distance", "distance of the samples", "s"),
+    _count("two_sided_instants", "instants with two sides"),
+    *_measured(Kind.ERROR, "energy_error", "energy not accounted for", "J", "energy_uncertainty",
+               "the energy not accounted for"),
+    _value("energy_exchanged", "energy exchanged", "J"),
+    *_measured(Kind.ERROR, "completed_energy_error", "energy of the completed motion not accounted for", "J",
+               "completed_energy_uncertainty", "the energy of the completed motion not accounted for"),
+    _value("completed_energy_exchanged", "energy exchanged by the completed motion", "J"),
+)
+"""Judgement of a table of results from anywhere."""
+
 REPLAY = (_category("class"), _time("median_time", "median time", "us"), _error("largest_residual", "largest residual", ""))
 """Complementarity problems that are solved again."""
 
 QUANTITIES: Mapping[str, Quantity] = {quantity.key: quantity for quantity in (
     *RUN, *TRUTHS, *COST, *ACCURACY, *DRIFT, *THRESHOLD, *TORQUE, *EFFECTS, *EQUAL_ERROR, *ORDERS, *SETTINGS, *HOLD,
-    *HARD, *CLAIMS, *REPLAY)}
+    *HARD, *CLAIMS, *JUDGE, *REPLAY)}
 """All quantities, by key."""
 
 

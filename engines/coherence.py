@@ -6,13 +6,15 @@ None of it says that a motion is right, only that the parts of a trajectory belo
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from stiction.engines.examined import MODES, POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, first
 from stiction.reference_impl.multibody.initial_state import CONSISTENT
 from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL
+from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
+from stiction.reference_impl.multibody.reactions import columns_of_rows, parts_of_null_vectors
 from stiction.reference_impl.multibody.trajectory_columns import GUIDE_COLUMNS, guide_motion, imbalance, residual_norms
 from stiction.scenes import Event
 from stiction.scenes.columns import BODY_COLUMNS
@@ -38,6 +40,18 @@ more."""
 CAP = 1e-2
 """Part of the largest friction bound of a run by which a friction may exceed its own bound at fixed step size: the
 engine holds the bound of the step before, and samples some steps from each other do not show every change of it."""
+LASTING = 5
+"""Samples in a row that must contradict themselves for a fault of forces at fixed step size. Friction and acceleration
+may be those of neighbouring steps, which disagree where a force jumps: at one sample, or two."""
+CONTRADICTED = 0.1
+"""Part of the largest force on a body, or of the largest friction of a guide, that is left over where, with a fixed
+step, forces contradict the motion. A wrong sign leaves twice a force, a wrong factor most of it; a solver of first
+order, with some hundred steps to a motion, a hundredth. Accuracy is not for the gate to judge."""
+SINGLE = 2.0 ** -23
+"""Rounding of velocities whose differences are accelerations, relative: of single precision, the worst there is."""
+WITHIN = (-1.0, -0.618, -0.382, 0.309, 0.691, 1.0)
+"""Instants about a sample at which the forces of its step may have been evaluated, in steps. None is a simple fraction
+of another, so that what turns several times in a step does not look the same at all of them."""
 FIRST_STEPS = 20
 """Steps of fixed size in which friction is not judged. The first has no step before whose reactions its bound could
 have, and up to 16 (Drake's, of mechanisms with loops) settle, whose samples have the friction of the one behind
@@ -139,6 +153,265 @@ def displacements(run: Examined) -> Iterator[str]:
                 continue
             for label, expected, size in zip(GUIDE_COLUMNS, guide_motion(part.arrays, k, q, v), sizes):
                 yield from run.differs(f"{name}.{label}", expected, SAME * size, "that of its states")
+
+
+def dissipation(run: Examined) -> Iterator[str]:
+    """Friction takes energy from a guide that slips: friction times slip velocity is at most 0.
+
+    Asked at each sample of engines that keep Coulomb's cone, so that nothing is taken for granted between samples.
+    Not judged are a guide that the engine says sticks, one whose slip may begin, end or turn around within a step of
+    the sample, and a slip that the largest friction would stop in less than a step, which may be what an iteration has
+    left of stick: there friction may be that of another direction.
+    What is left must be there at `LASTING` samples in a row. Forces that are nan are not judged, nor forces that are
+    rounding of the mechanism's largest, or as small as what Baumgarte's terms accelerate.
+    """
+    found = run.found
+    if not run.keeps(found.settings):
+        return
+    t, step = found.t.astype(float), _step(run)
+    accuracy = max(SAME, 10.0 * float(found.settings.get("rtol") or 0.0))
+    for part in run.parts:
+        frictional = {name: guide for name, guide in run.scene.frictional_guides.items() if name in part.guide_names}
+        if not frictional:
+            continue
+        q, v, a = (stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS)
+        slow = accuracy * _speed(run, v)
+        for name, guide in frictional.items():
+            friction, speed = (found[f"{name}.{label}"].astype(float) for label in ("friction", "slip_velocity"))
+            k = list(part.scene.joints).index(name)
+            sticks = found.columns.get(f"{name}.mode", np.ones(len(t))) == 0
+            drives = (friction * speed > 0.0) & (np.abs(speed) > slow) & (t >= _settled(run)) & ~sticks
+            if not drives.any():
+                continue
+            drives &= np.abs(friction) > accuracy * _largest_force(run, part) + _baumgarte_force(run)
+            # slip that may have another direction within a step, or that friction stops in one
+            if step and len(some := np.flatnonzero(drives)):
+                for share in WITHIN:
+                    _, there, rate = _moved(share * step, t[some], q[some], v[some], a[some])
+                    drives[some] &= guide_motion(part.arrays, k, there, rate)[1] * speed[some] > 0.0
+                columns, _ = columns_of_rows(part.arrays, t[some], q[some], v[some])
+                along = columns[:, :, part.arrays.rows + part.guide_names.index(name)]
+                mobility = np.sum(along ** 2 * part.arrays.inverse_mass, axis=1)
+                most = np.maximum(np.abs(friction), guide.static_coefficient * _load(run, name))[some]
+                drives[some] &= np.abs(speed[some]) > step * mobility * most
+            for begin, behind in _lasting(drives):
+                work = np.trapezoid((friction * speed)[begin:behind], t[begin:behind])
+                i = begin + int(np.argmax(np.abs(friction * speed)[begin:behind]))
+                yield (f"{name}.friction = {friction[i]:.9g} at t = {t[i]:.9g} s, where {name}.slip_velocity = "
+                       f"{speed[i]:.9g}: from {t[begin]:.9g} to {t[behind - 1]:.9g} s friction drives the slider, and "
+                       f"gives it {work:.3g} J; expected the force on the slider, against its slip (the other sign?)")
+                break
+
+
+def momentum_of_steps(run: Examined) -> Iterator[str]:
+    """Newton's and Euler's equations hold at the samples of a fixed step, and friction is what they need along a guide.
+
+    Asked of engines at joint fidelity that keep Coulomb's cone, give accelerations of their own and locate no events;
+    of the others `balance`, or nothing, holds. It takes each sample for itself, whatever happens between two.
+
+    What an engine of fixed step reports of an instant is made of states up to a step before and behind it. What the
+    equations change by with time, with positions and with velocities between these (`WITHIN`), extrapolated from the
+    sample, is allowed, and the change of the forces to the samples beside it. So are `CONTRADICTED` of the largest
+    force on the body, or of the largest friction of the guide, and what rounding of the velocities moves the
+    accelerations by. Not judged are fewer than `LASTING` samples in a row, instants at which a guide of the part turns
+    around within a step, and forces that are nan or that the motion leaves open.
+    """
+    found, t, step = run.found, run.found.t.astype(float), _step(run)
+    if (run.locates(found.settings) or run.fidelity != "joint" or "accelerations" in found.settings or not step
+            or run.scene.frictional_guides and not run.keeps(found.settings)):
+        return
+    chosen = np.flatnonzero(t >= _settled(run))
+    for part in run.parts if len(chosen) >= LASTING else ():
+        left = _left_over(run, part, chosen, step)
+        for column, given, needed, wrong in left.frictions:
+            for begin, _ in _lasting(wrong):
+                yield (f"{column} = {given[begin]:.9g} at t = {t[chosen[begin]]:.9g} s; expected {needed[begin]:.9g}, "
+                       "the force along the guide that accelerations and other forces need")
+                break
+        wrong = np.abs(left.force) > left.allowed
+        for begin, behind in _lasting(wrong.any(axis=1)):
+            i, k = begin, int(np.argmax(wrong[begin] * np.abs(left.force[begin]) / left.allowed[begin]))
+            yield (f"forces and accelerations that do not balance from t = {t[chosen[i]]:.9g} to "
+                   f"{t[chosen[behind - 1]]:.9g} s: {left.force[i, k]:.4g} {'N m' if k % 3 == 2 else 'N'} on "
+                   f"{part.body_names[k // 3]} are left over; expected less than {left.allowed[i, k]:.2g}")
+            break
+
+
+class _LeftOver(NamedTuple):
+    """What accelerations and forces of a part leave of Newton's and Euler's equations.
+
+    Attributes
+    ----------
+    force, allowed : ndarray, shape (n, 3 * bodies)
+        Force (N) or moment (N m) left over at each sample, and as much of it as says nothing.
+    frictions : list of tuple
+        For each guide with friction its column, its values, those that the motion needs, and where they contradict
+        these.
+    """
+
+    force: np.ndarray
+    allowed: np.ndarray
+    frictions: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]
+
+
+class _Equations(NamedTuple):
+    """Samples of a part, to be put into its equations of motion.
+
+    Attributes
+    ----------
+    arrays : Arrays
+        Of the part's mechanism.
+    t : ndarray, shape (n,)
+    q, v, a : ndarray, shape (n, 3 * bodies)
+    force : ndarray, shape (n, rows + frictional)
+        As of `build_columns`.
+    """
+
+    arrays: Arrays
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    force: np.ndarray
+
+    @staticmethod
+    def of(run: Examined, part: Mechanism, chosen: np.ndarray) -> _Equations:
+        """Take the chosen samples of a run."""
+        rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
+        force = np.empty((len(chosen), len(rows)))  # a free body has no rows
+        for column, name in enumerate(rows):
+            force[:, column] = run.found[name][chosen]
+        q, v, a = (stacked(run.found.columns, part.body_names, labels)[chosen] for labels in BODY_COLUMNS)
+        return _Equations(part.arrays, run.found.t.astype(float)[chosen], q, v, a, force)
+
+    def remainder(self, state: Sequence[np.ndarray], of: np.ndarray | slice) -> tuple[np.ndarray, ...]:
+        """Put accelerations and forces `of` samples into the equations at (t, q, v).
+
+        Returns what is left, the columns of the rows, and the applied forces.
+        """
+        mass = 1.0 / self.arrays.inverse_mass
+        columns, free = columns_of_rows(self.arrays, *state)
+        left = mass * (self.a[of] - free) - np.einsum("nij,nj->ni", columns, self.force[of])
+        return left, columns, mass * free
+
+    def within(self, of: np.ndarray, step: float) -> np.ndarray:
+        """By how much the equations `of` samples change within a step (s) before and behind these, N or N m.
+
+        The sum of the changes with time, with positions and with velocities: an engine may take each from another
+        instant of its step.
+        """
+        here = self.t[of], self.q[of], self.v[of]
+        left, total = self.remainder(here, of)[0] if len(of) else None, np.zeros((len(of), self.q.shape[1]))
+        for alone in range(3) if len(of) else ():
+            changed = np.zeros_like(total)
+            for share in WITHIN:
+                state = list(here)
+                state[alone] = _moved(share * step, *here, self.a[of])[alone]
+                changed = np.fmax(changed, np.abs(self.remainder(state, of)[0] - left))
+            total += changed
+        return total
+
+
+def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) -> _LeftOver:
+    """Put accelerations and forces of chosen samples into the equations of motion; `step` in seconds."""
+    equations = _Equations.of(run, part, chosen)
+    m, t, q, v, a, force = equations
+    mass = 1.0 / m.inverse_mass
+    left, columns, applied = equations.remainder((t, q, v), slice(None))
+    # the largest force and moment on each body; a moment that is rounding of a force counts for nothing
+    terms = np.abs(mass * a), np.abs(applied), np.nanmax(np.abs(columns * force[:, None, :]), axis=2, initial=0.0)
+    largest = np.max(terms, axis=(0, 1), initial=0.0)
+    size = largest.copy()
+    size[0::3] = size[1::3] = np.maximum(largest[0::3], largest[1::3])
+    floor = SAME * np.max(size[0::3], initial=0.0) * np.where(np.arange(len(size)) % 3 == 2, m.length_scale, 1.0)
+    rounding = SINGLE * mass * np.max(np.abs(v), axis=0) / step
+    allowed = np.tile(CONTRADICTED * size + floor + rounding, (len(t), 1))
+    suspicious = (np.abs(left) > allowed).any(axis=1)
+
+    # friction: by how much it, with all other row forces, would have to change to leave nothing
+    inverse = np.linalg.pinv(columns)[:, m.rows:]
+    missing = np.einsum("nki,ni->nk", inverse, left)
+    needed = force[:, m.rows:] + missing
+    most = np.array([CONTRADICTED * max(_largest(one), _largest(other))
+                     for one, other in zip(force[:, m.rows:].T, needed.T)])
+    allowed_friction = most + SAME * np.max(size[0::3], initial=0.0) + np.einsum("nki,i->nk", np.abs(inverse), rounding)
+    suspicious |= (np.abs(missing) > allowed_friction).any(axis=1)
+
+    # what the equations change by within a step, and forces to the samples beside it: only where it matters
+    change = np.empty_like(force)
+    for column in range(force.shape[1]):
+        change[:, column] = _nearby_change(force[:, column])
+    i = np.flatnonzero(suspicious)
+    turns, at_rest = np.zeros(len(i), dtype=bool), SAME * _speed(run, v)
+    for share in WITHIN if len(i) else ():
+        there = _moved(share * step, t[i], q[i], v[i], a[i])
+        for name in part.guide_names:
+            k = list(part.scene.joints).index(name)
+            now, then = (guide_motion(m, k, *state)[1] for state in ((q[i], v[i]), there[1:]))
+            turns |= (then * now <= 0.0) & (np.abs(then - now) > at_rest)
+    unknown = equations.within(i, step) + np.sum(np.abs(columns[i]) * change[i, None, :], axis=2)
+    unknown[turns] = np.inf
+    allowed[i] += unknown
+    allowed_friction[i] += np.where(turns[:, None], np.inf, np.einsum(
+        "nki,ni->nk", np.abs(inverse[i]), np.where(turns[:, None], 0.0, unknown)))
+    if part.guide_names and len(i):
+        missing[i] = np.where(parts_of_null_vectors(columns[i], m.rows)[:, m.rows:], np.nan, missing[i])
+    wrong = np.abs(missing) > allowed_friction
+    return _LeftOver(left, allowed, [(f"{name}.friction", force[:, m.rows + k], needed[:, k], wrong[:, k])
+                                     for k, name in enumerate(part.guide_names) if name in run.scene.frictional_guides])
+
+
+def _load(run: Examined, name: str) -> np.ndarray:
+    """Load of a guide, whose times the coefficient bounds friction: the sum of its corner forces, N."""
+    corners = ("F1", "F2", "F3", "F4") if run.scene.guides[name].length is not None else ("normal_force",)
+    return np.sum([np.abs(run.found[f"{name}.{force}"]) for force in corners], axis=0)
+
+
+def _load_within(run: Examined, name: str, chosen: np.ndarray) -> np.ndarray:
+    """By how much the load of a guide may change within a step of chosen samples, N.
+
+    Its reactions R and T change by what `_Equations.within` leaves for them. The load is max(|R|, 2 |N| / length) with
+    N = T - width/2 kappa R, and |kappa| is the static coefficient at most (paper, Sect. 5).
+    """
+    part = next(part for part in run.parts if name in part.guide_names)
+    equations, guide = _Equations.of(run, part, chosen), run.scene.guides[name]
+    places = np.arange(len(chosen))
+    _, columns, _ = equations.remainder((equations.t, equations.q, equations.v), places)
+    moved = np.einsum("nki,ni->nk", np.abs(np.linalg.pinv(columns)), equations.within(places, _step(run)))
+    normal, moment = (moved[:, part.row_names.index(f"{name}.{label}")] for label in ("normal_force", "moment"))
+    if guide.length is None:
+        return normal
+    lever = (guide.width or 0.0) / guide.length * guide.static_coefficient
+    return (1.0 + lever) * normal + 2.0 / guide.length * moment
+
+
+def _largest_force(run: Examined, part: Mechanism) -> float:
+    """Return the largest force in a part, N: what forces that are zero are the rounding of.
+
+    Those of joints and drives on each body and the applied ones, masses times accelerations, and m v^2/size. A moment
+    counts as the force that it makes on a lever: the mechanism's size, or half the length of the shortest guide.
+    """
+    found, m = run.found, part.arrays
+    q, v, a = (stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS)
+    columns, free = columns_of_rows(m, found.t.astype(float), q, v)
+    size = np.max(np.abs(np.stack([free, a])), axis=(0, 1)) / m.inverse_mass
+    for row, name in enumerate([*part.row_names, *(f"{name}.friction" for name in part.guide_names)]):
+        size = np.maximum(size, np.max(np.abs(columns[:, :, row]), axis=0) * _largest(found[name]))
+    lever = min([m.length_scale, *(guide.length / 2 for guide in part.scene.guides.values() if guide.length)])
+    speed = max(float(np.max(np.abs(v[:, k::3]))) for k in range(2))
+    mass = float(np.max(1.0 / m.inverse_mass[0::3]))
+    return float(max(np.max(size[0::3]), np.max(size[1::3]), np.max(size[2::3]) / lever,
+                     mass * speed ** 2 / m.length_scale))
+
+
+def _moved(time: float, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Times and states that are so many seconds from others, by their accelerations."""
+    return t + time, q + time * v + time ** 2 / 2 * a, v + time * a
+
+
+def _lasting(flags: np.ndarray) -> Iterator[tuple[int, int]]:
+    """First place and place behind the last of stretches of at least `LASTING` true flags."""
+    return ((begin, behind) for begin, behind in _stretches(flags) if behind - begin >= LASTING)
 
 
 def balance(run: Examined) -> Iterator[str]:
@@ -266,21 +539,19 @@ def cone(run: Examined) -> Iterator[str]:
     Where events are located, both hold to `SAME` of the largest force, or of m v^2/size where there is none, or to ten
     times the tolerance, by which states are wrong; what Baumgarte's terms accelerate is allowed. At fixed step size
     friction has the bound of a step before: it must lie within the coefficient times the load, and the change of that
-    to the sample before or behind; with the larger coefficient, unless the guide slips faster than its speed changes
-    there. Forces that are nan are not judged.
+    within a step or to the sample before or behind; with the larger coefficient, unless the guide slips faster than its
+    speed changes there. Forces that are nan are not judged.
     """
     found, guides = run.found, run.scene.frictional_guides
     if not guides or not run.keeps(found.settings):
         return
-    loads = {name: np.sum([np.abs(found[f"{name}.{force}"]) for force in
-                           (("F1", "F2", "F3", "F4") if guide.length is not None else ("normal_force",))], axis=0)
-             for name, guide in guides.items()}
+    loads = {name: _load(run, name) for name in guides}
     located, settings = bool(run.locates(found.settings)), found.settings
     fastest = max(_largest(found[f"{body}.{label}"]) for body in run.scene.bodies for label in ("vx", "vy"))
     force = max(*map(_largest, loads.values()),
                 max(body.mass for body in run.scene.bodies.values()) * fastest ** 2 / run.size)
     allowed = _baumgarte_force(run) + max(SAME, 10.0 * float(settings.get("rtol") or 0.0)) * force
-    begins = 0.0 if located else FIRST_STEPS * float(settings.get("dt", 0.0))
+    begins = 0.0 if located else _settled(run)
     if not located:
         allowed += CAP * max(guide.static_coefficient * _largest(loads[name]) for name, guide in guides.items())
     for name, guide in guides.items():
@@ -291,6 +562,8 @@ def cone(run: Examined) -> Iterator[str]:
         if not located:
             bound += _nearby_change(bound)
         excess = np.where(located & slips, np.abs(friction + mode * bound), np.abs(friction) - bound)
+        if not located and len(beyond := np.flatnonzero((excess > allowed) & (found.t >= begins))):
+            excess[beyond] -= guide.static_coefficient * _load_within(run, name, beyond)
         if (i := first((excess > allowed) & (found.t >= begins))) is not None:
             expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
             yield (f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected "
@@ -326,7 +599,8 @@ def _while_moving(predicate: Predicate) -> Predicate:
 
 
 PREDICATES: tuple[Predicate, ...] = (start, residuals, residuals_at_events, *map(_while_moving, (
-    velocities, displacements, balance, corner_forces, modes, unreported_events, cone, continuity)))
+    velocities, displacements, dissipation, momentum_of_steps, balance, corner_forces, modes,
+    unreported_events, cone, continuity)))
 
 
 def _speed(run: Examined, v: np.ndarray) -> float:
@@ -355,6 +629,21 @@ def _changes(h: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Change of velocities between instants, by themselves or by the accelerations at either, shape (n - 1,)."""
     second = np.linalg.norm(a, axis=1)
     return np.maximum(np.linalg.norm(np.diff(v, axis=0), axis=1), h * np.maximum(second[1:], second[:-1]))
+
+
+def _step(run: Examined) -> float:
+    """Fixed step of the engine, s; 0 where it has none."""
+    return float(run.found.settings.get("dt") or 0.0)
+
+
+def _settled(run: Examined) -> float:
+    """Time from which on forces are judged, s: that of `FIRST_STEPS` of a fixed step."""
+    return FIRST_STEPS * _step(run)
+
+
+def _stretches(flags: np.ndarray) -> np.ndarray:
+    """First place and place behind the last of each stretch of true flags, shape (stretches, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int))).reshape(-1, 2)
 
 
 def _nearby_change(values: np.ndarray) -> np.ndarray:

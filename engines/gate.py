@@ -152,7 +152,9 @@ def _left_open(run: Examined, t: np.ndarray, columns: Mapping[str, np.ndarray]) 
             continue
         q, v, a = motion
         recovered = recover_columns(part.scene, t, q, v, a, frictions)
-        left_open |= {name: np.isnan(values) & np.isnan(columns[name]) for name, values in recovered.items()}
+        # an event may lack columns that belong to no part, such as the drift of all
+        left_open |= {name: np.isnan(values) & np.isnan(columns[name]) for name, values in recovered.items()
+                      if name in columns}
     return left_open
 
 

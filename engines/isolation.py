@@ -21,9 +21,10 @@ import textwrap
 import threading
 import time
 import traceback
+import weakref
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,10 @@ _FAILED_STARTS = 5  # in a row: then the cause is the machine or the caller's sc
 _GRACE_S = 2.0  # between the end of a child's pipe and the end of the child
 _NOTE = b"note "  # begins a message that is none of a task's own
 _LOG_BYTES = 4000  # of what a task printed, the end is kept
+_PROCESSES = threading.Lock()
+"""Held while a process is started or waited for: `multiprocessing` is made for one thread.
+
+Two threads that wait for the same process lose its exit code, and each start asks for the end of all processes."""
 
 
 @dataclass(frozen=True)
@@ -116,9 +121,32 @@ def _simulate(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Trajec
     return load_engine(engine).simulate(scene, **arguments)
 
 
+def sealed(task: Task) -> Task:
+    """Return a task that does the same, whose function and arguments are bytes for all but the child.
+
+    Who passes it on then imports no module of theirs. Raises what pickle does if the task cannot be pickled.
+    """
+    return Task(task.label, _call_sealed, (pickle.dumps((task.function, task.args)),))
+
+
+def unsealed(outcome: Outcome) -> Outcome:
+    """Return an outcome of ``isolate(.., unpickle=False)`` with its value, or with the reason why there is none."""
+    return replace(outcome, **_unpickled(outcome.value)) if outcome.status == "ok" else outcome
+
+
+def _call_sealed(call: bytes) -> Any:
+    function, args = pickle.loads(call)
+    return function(*args)
+
+
+class ChildrenEnded(StictionError):
+    """`IdleChildren.end_all` was called while, or before, tasks were to be made in them."""
+
+
 def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,  # noqa: C901 - one loop of messages
             on_result: Callable[[Outcome], None] | None = None,
-            on_note: Callable[[str], None] | None = None, kept: IdleChildren | None = None) -> list[Outcome]:
+            on_note: Callable[[str], None] | None = None, kept: IdleChildren | None = None,
+            unpickle: bool = True) -> list[Outcome]:
     """Call each task's function in a child process.
 
     Parameters
@@ -133,6 +161,8 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         Called in this process with each line that a child logs on the way, such as what it has to compile.
     kept
         Children that an earlier call has left, used first; those of this call are left there. None to end them.
+    unpickle
+        False to leave the values of outcomes with the status ``"ok"`` as bytes, for `unsealed`.
 
     Returns
     -------
@@ -145,6 +175,8 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         If `workers` or `timeout_s` is not positive.
     pickle.PicklingError, TypeError, AttributeError
         Before anything is started, if a task cannot be pickled.
+    ChildrenEnded
+        If the children that are kept were ended for good.
     RuntimeError
         If children cannot be started. They import the main module, so a script must call this under
         ``if __name__ == "__main__":``.
@@ -178,7 +210,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         try:
             while len(outcomes) < len(tasks):
                 while len(children) < min(workers, len(tasks) - len(outcomes)):
-                    children.append(_Child(Path(folder if kept is None else kept.folder)))
+                    children.append(_Child(Path(folder)) if kept is None else kept.start())
                 for child in children:
                     feed(child)
                 patience = min(child.deadline for child in children) - time.monotonic()
@@ -193,7 +225,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                         if (index := child.take()) is not None:
                             if workers > 1:  # no core waits for what is made of the outcome; one child alone has none
                                 feed(child)
-                            settle(index, **_read(message), log=log)
+                            settle(index, **_read(message, unpickle), log=log)
                     elif child.connection in arrived or (time.monotonic() >= child.deadline
                                                          and not child.connection.poll()):  # it may have come since
                         children.remove(child)
@@ -220,16 +252,17 @@ class _Child:
     """A child process seen from here: starting, idle, or busy with one task."""
 
     def __init__(self, folder: Path):
-        context = child_context()
-        self.connection, far_end = context.Pipe()
         self._folder = Path(tempfile.mkdtemp(dir=folder))
         self._log = self._folder / "printed.log"
         self._log.touch()
-        self._process = context.Process(target=_serve, args=(far_end, self._folder, self._log), name="stiction-child",
-                                        daemon=True)
-        with one_thread():
-            self._process.start()
-        far_end.close()
+        with _PROCESSES:
+            context = child_context()
+            self.connection, far_end = context.Pipe()
+            self._process = context.Process(target=_serve, args=(far_end, self._folder, self._log),
+                                            name="stiction-child", daemon=True)
+            with one_thread():
+                self._process.start()
+            far_end.close()
         self.ready = False
         self.task: int | None = None
         self._started = time.monotonic()
@@ -267,9 +300,10 @@ class _Child:
     def end(self, timed_out: bool) -> dict[str, Any]:
         """End the process; how its task ended, as fields of an outcome."""
         wall = time.monotonic() - self._started
-        if not timed_out:
-            self._process.join(_GRACE_S)
-        code = self._process.exitcode
+        with _PROCESSES:
+            if not timed_out:
+                self._process.join(_GRACE_S)
+            code = self._process.exitcode
         self.kill()
         log = self.log()
         shutil.rmtree(self._folder, ignore_errors=True)
@@ -288,9 +322,14 @@ class _Child:
             return file.read().decode(errors="replace").strip()
 
     def kill(self) -> None:
-        self._process.kill()
-        self._process.join()
+        self.stop()
+        with _PROCESSES:
+            self._process.join()
         self.connection.close()
+
+    def stop(self) -> None:
+        """Send the process the signal that ends it; whoever waits for its messages is told by its connection."""
+        self._process.kill()
 
 
 class IdleChildren:
@@ -298,6 +337,7 @@ class IdleChildren:
 
     A child imports and loads kernels for a second or two, many times as long as a short run takes. Those that no call
     has used for `idle_s` seconds are ended, since each has some 200 MB of memory. All end with this process.
+    Several threads may call `isolate` with the same ones.
     """
 
     def __init__(self, idle_s: float = 30.0):
@@ -305,12 +345,18 @@ class IdleChildren:
         self._idle_s = idle_s
         self._lock = threading.Lock()
         self._children: list[_Child] = []
+        self._known: weakref.WeakSet[_Child] = weakref.WeakSet()  # those at work too
+        self._ended = False
         self._timer: threading.Timer | None = None
 
-    @property
-    def folder(self) -> str:
-        """Where the children have their temporary files."""
-        return self._place.name
+    def start(self) -> _Child:
+        """Return a new child, which is left here when it is idle. Raises ChildrenEnded."""
+        with self._lock:
+            if self._ended:
+                raise ChildrenEnded("these children have been ended")
+            child = _Child(Path(self._place.name))
+            self._known.add(child)
+        return child
 
     def take(self, count: int) -> list[_Child]:
         """Return so many children at most, which are no longer here."""
@@ -319,10 +365,12 @@ class IdleChildren:
         return taken
 
     def leave(self, child: _Child) -> bool:
-        """Keep a child, unless it has a task or has not started yet; then return False."""
+        """Keep a child, unless it has a task, has not started yet, or all were ended; then return False."""
         if not child.idle:
             return False
         with self._lock:
+            if self._ended:
+                return False
             self._children.append(child)
             if self._timer is not None:
                 self._timer.cancel()
@@ -336,6 +384,16 @@ class IdleChildren:
         for child in self.take(len(self._children)):
             child.kill()
 
+    def end_all(self) -> None:
+        """End those at work too, in whatever thread `isolate` waits for them, and start no more: there it raises."""
+        with self._lock:
+            self._ended = True
+            if self._timer is not None:
+                self._timer.cancel()
+            for child in self._known:
+                child.stop()
+        self.end()
+
 
 def _end_of_process(code: int | None) -> str:
     if code is None:
@@ -346,13 +404,20 @@ def _end_of_process(code: int | None) -> str:
     return f"{name} (killed from outside, or out of memory)" if name == "SIGKILL" else name
 
 
-def _read(message: bytes) -> dict[str, Any]:
-    """The fields of an outcome in a child's message; a value that cannot be unpickled here is a failure."""
+def _read(message: bytes, unpickle: bool = True) -> dict[str, Any]:
+    """The fields of an outcome in a child's message."""
     fields, value = pickle.loads(message)
+    if fields["status"] != "ok":
+        return fields
+    return fields | (_unpickled(value) if unpickle else {"value": value})
+
+
+def _unpickled(value: bytes) -> dict[str, Any]:
+    """The field ``value`` of an outcome; what cannot be unpickled here is a failure."""
     try:
-        return fields | {"value": pickle.loads(value)}
+        return {"value": pickle.loads(value)}
     except Exception as error:
-        return fields | {"status": "failed", "reason": _words(error, "result cannot be unpickled: ")}
+        return {"value": None, "status": "failed", "reason": _words(error, "result cannot be unpickled: ")}
 
 
 def _serve(connection: Connection, folder: Path, log: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -10,10 +11,14 @@ from scipy.integrate import cumulative_trapezoid
 
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Motion
 from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes.column_file import in_parts
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Force, TorsionalSpring
 from stiction.scenes.trajectory import stacked
+
+AT_ONCE = 2 ** 15
+"""Instants whose energies are found together: positions and Jacobians of all bodies there take some megabytes."""
 
 
 def energies(run: Trajectory) -> pd.DataFrame:
@@ -42,6 +47,27 @@ def energy_columns(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray
     """
     if missing := [name for name in needed_columns(scene) if name not in columns]:
         raise InputError(f"columns: found no {', '.join(missing)}; expected states, efforts and frictions")
+    found = _rates(scene, t, columns)
+    lost = sum([*(-power for power in found.powers.values()), *found.losses.values()], np.zeros(len(t)))
+    works = {name: cumulative_trapezoid(power, t, initial=0)
+             for name, power in {**found.powers, **found.losses}.items()}
+    energy = found.kinetic + found.potential
+    return pd.DataFrame({"t": t, "kinetic": found.kinetic, "potential": found.potential, **works,
+                         "balance": energy - energy[:1] + cumulative_trapezoid(lost, t, initial=0)})
+
+
+@dataclass(frozen=True)
+class _Rates:
+    """Energies (J) at instants, and what changes them (W), by the names of `energies`; all of shape (n,)."""
+
+    kinetic: np.ndarray
+    potential: np.ndarray
+    powers: Mapping[str, np.ndarray]
+    losses: Mapping[str, np.ndarray]
+
+
+def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _Rates:
+    """Energies and powers at instants, each from the columns at that instant alone."""
     q, v = (stacked(columns, scene.bodies, labels) for labels in BODY_COLUMNS[:2])
     mass, motion = EquationsOfMotion(scene).mass, Motion(list(scene.bodies), t, q, v)
     kinetic = v ** 2 @ mass / 2
@@ -66,11 +92,7 @@ def energy_columns(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray
         arm = motion.between(guide.bodies, (guide.slider_point, guide.point))
         slip = motion.direction(guide.guide, guide.direction).dot(arm).rate
         losses[f"{name}.dissipated"] = -columns[f"{name}.friction"] * slip
-    energy = kinetic + potential
-    lost = sum([*(-power for power in powers.values()), *losses.values()], np.zeros(len(t)))
-    works = {name: cumulative_trapezoid(power, t, initial=0) for name, power in {**powers, **losses}.items()}
-    return pd.DataFrame({"t": t, "kinetic": kinetic, "potential": potential, **works,
-                         "balance": energy - energy[:1] + cumulative_trapezoid(lost, t, initial=0)})
+    return _Rates(kinetic, potential, powers, losses)
 
 
 def unaccounted_energy(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> tuple[float, float, float]:
@@ -80,11 +102,16 @@ def unaccounted_energy(scene: Scene, t: np.ndarray, columns: Mapping[str, np.nda
     """
     jumps = np.diff(t, prepend=-np.inf) == 0  # of which both sides are kept
     half = np.flatnonzero((np.arange(len(t)) % 2 == 0) | jumps | np.append(jumps[1:], True))
-    found = energy_columns(scene, t, columns)
-    coarse = energy_columns(scene, t[half], {name: columns[name][half] for name in needed_columns(scene)})
-    unsure = found["balance"].to_numpy()[half] - coarse["balance"]
-    changes = np.sum(np.abs(np.diff(found["kinetic"])))
-    return float(found["balance"].abs().max()), float(unsure.abs().max()), float(changes)
+    kinetic, energy, lost = np.empty((3, len(t)))
+    for part in in_parts(len(t), AT_ONCE):
+        found = _rates(scene, t[part], {name: columns[name][part] for name in needed_columns(scene)})
+        kinetic[part], energy[part] = found.kinetic, found.kinetic + found.potential
+        lost[part] = sum([*(-power for power in found.powers.values()), *found.losses.values()],
+                         np.zeros(len(kinetic[part])))
+    balance = energy - energy[:1] + cumulative_trapezoid(lost, t, initial=0)
+    coarse = energy[half] - energy[:1] + cumulative_trapezoid(lost[half], t[half], initial=0)
+    changes = np.sum(np.abs(np.diff(kinetic)))
+    return float(np.max(np.abs(balance))), float(np.max(np.abs(balance[half] - coarse))), float(changes)
 
 
 def needed_columns(scene: Scene) -> list[str]:

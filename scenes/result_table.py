@@ -6,14 +6,15 @@ A time that stands in two neighbouring rows is an instant at which quantities ju
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiction.scenes.base_errors import InputError
+from stiction.scenes.column_file import LARGE, REAL, ColumnFile
 from stiction.scenes.columns import columns_of, unit_of
 from stiction.scenes.errors import FileError, Problem
 from stiction.scenes.model import Scene
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 ENDINGS = (".csv", ".parquet")
 MAX_FILE_SIZE = 2 ** 30
 """Bytes; a larger file is refused unread."""
+BLOCK_SIZE, BLOCK_ROWS = 2 ** 22, 2 ** 16
+"""Bytes of a CSV file, and rows of a Parquet file or a DataFrame, that are read at a time: little beside what the
+program itself takes, and much beside the cost of a call."""
 TIME = "t"
 TIME_NAMES = (TIME, "time", "Time", "TIME")
 """Names of the time column that need no mapping."""
@@ -36,6 +40,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "deg": ("angle", np.pi / 180), "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6),
     "N": ("force", 1.0), "kN": ("force", 1e3), "mN": ("force", 1e-3)}
 """Unit -> what it measures, and its size in SI."""
+_ROW = re.compile(r"Row #(\d+)")
 _ROUNDING = 1e-9
 _TYPING_ERRORS = 5
 """Names that resemble the scene's without being one, at most: more are another scene's."""
@@ -63,7 +68,8 @@ class ResultTable:
     @property
     def first(self) -> np.ndarray:
         """Row of the side before of each distinct instant, int (instants,); of 3, 5, .. rows the first is a sample."""
-        _, rows, counts = np.unique(self.t, return_index=True, return_counts=True)
+        rows = np.flatnonzero(np.diff(self.t, prepend=-np.inf))
+        counts = np.diff(rows, append=len(self.t))
         return rows + ((counts > 1) & (counts % 2 == 1))
 
     @property
@@ -116,10 +122,22 @@ def parse_units(text: str) -> dict[str, float]:
     return sizes
 
 
+@dataclass(frozen=True)
+class _Block:
+    """Some rows of a table: the number of the first (from 0), a frame, and the part of the table read with them."""
+
+    begin: int
+    frame: pd.DataFrame
+    share: float
+
+
 def result_table(frame: str | Path | pd.DataFrame | Mapping[str, Any], scene: Scene,
                  mapping: Mapping[str, str] | None = None, units: Mapping[str, float] | None = None,
-                 origin: str = "table") -> ResultTable:
+                 origin: str = "table", *, spills: bool = False,
+                 tell: Callable[[float], None] | None = None) -> ResultTable:
     """Check a table of results of the scene, and give it the scene's names and SI units.
+
+    A file is read block by block, and only the scene's columns of it are kept.
 
     Parameters
     ----------
@@ -130,32 +148,61 @@ def result_table(frame: str | Path | pd.DataFrame | Mapping[str, Any], scene: Sc
     mapping, units
         As of `parse_map` and `parse_units`. Units are those of all columns: with ``mm`` and ``ms`` velocities are
         mm/ms, and moments N mm.
+    spills
+        Keep the columns of a table of more than `LARGE` bytes in a temporary file, see `ColumnFile`.
+    tell
+        Is called with the part of a table that has been read, above 0, up to 1.
 
     Raises
     ------
     ResultError
         For a file that cannot be read, unknown names that resemble the scene's, missing or repeated columns, what is
         no finite number, times that decrease or lie outside of 0 .. t_end, lengths that differ.
+    NoRoom
+        Where there is no room for the temporary file.
     """
     if isinstance(frame, str | Path):
-        frame, origin = _read(Path(frame)), str(frame)
-    frame = _frame(frame, origin)
-    found = list(map(str, frame.columns))
+        origin = str(frame)
+        most, blocks = _read(Path(frame))
+    else:
+        whole = _frame(frame, origin)
+        most, blocks = len(whole), _parts(whole)
+    start = next(blocks)
+    found = list(map(str, start.frame.columns))
     chosen, left_out, problems = _chosen(found, scene, mapping or {})
+    # a file's most rows are a bound: whether there are two is known where the first block is all of it
+    fewer = start.share == 1.0 and len(start.frame) < 2
     problems = problems or _first((
         (TIME not in chosen, "time", f"the columns {names(found)}", "a column t or time, or --map MINE=t"),
         (len(chosen) < 2, "columns", f"none of the scene's beside {names(found)}",
          f"one or more of {names(columns_of(scene))}; --map MINE=COLUMN renames"),
-        (len(frame) < 2, "rows", str(len(frame)), "at least 2")))
-    columns: dict[str, np.ndarray] = {}
-    for name, (mine, sign) in chosen.items() if not problems else ():
-        unit = "s" if name == TIME else unit_of(name, scene)
-        values, wrong = _numbers(frame.iloc[:, mine], len(scene.frictional_guides) > 1 and unit in ("N", "N m"))
-        problems += [Problem(f"{shortened(found[mine])}, row {row}", *words) for row, *words in wrong]
-        columns[name] = sign * _size(unit, units or {}) * values
-    if problems or (problems := _time_problems(columns[TIME], scene.t_end)):
+        (fewer, "rows", str(len(start.frame)), "at least 2")))
+    if problems:
         raise ResultError(origin, problems)
-    return ResultTable(origin, columns.pop(TIME), columns, tuple(left_out))
+    is_long = spills and most * len(chosen) * REAL.itemsize > LARGE
+    kept: ColumnFile | _Memory = ColumnFile(most) if is_long else _Memory()
+    rows, wrong = 0, dict[str, _Wrong]()
+    for block in _and_then(start, blocks):
+        rows = block.begin + len(block.frame)
+        for name, (mine, sign) in chosen.items():
+            unit = "s" if name == TIME else unit_of(name, scene)
+            may_be_open = len(scene.frictional_guides) > 1 and unit in ("N", "N m")
+            values, fault = _numbers(block.frame.iloc[:, mine], may_be_open)
+            if fault is not None and (name not in wrong or fault.is_word > wrong[name].is_word):
+                wrong[name] = fault.after(block.begin)
+            kept.write(name, block.begin, sign * _size(unit, units or {}) * values)
+        if tell is not None:
+            tell(block.share)
+    kept.shorten(rows)
+    problems = [Problem(f"{shortened(found[chosen[name][0]])}, row {fault.row}", fault.found, fault.expected)
+                for name in chosen if (fault := wrong.get(name)) is not None]
+    problems = problems or _first([(rows < 2, "rows", str(rows), "at least 2")])
+    if problems:
+        raise ResultError(origin, problems)
+    t = np.array(kept[TIME])
+    if problems := _time_problems(t, scene.t_end):
+        raise ResultError(origin, problems)
+    return ResultTable(origin, t, kept.without(TIME), tuple(left_out))
 
 
 def _first(checks: Iterable[tuple[Any, str, str, str]]) -> list[Problem]:
@@ -163,29 +210,131 @@ def _first(checks: Iterable[tuple[Any, str, str, str]]) -> list[Problem]:
     return [Problem(key, found, f"expected {expected}") for wrong, key, found, expected in checks if wrong][:1]
 
 
-def _read(path: Path) -> pd.DataFrame:
-    """All columns of a file."""
-    import pyarrow as pa
-    from pyarrow import csv, parquet
+class _Memory(dict[str, np.ndarray]):
+    """Columns in memory, written block by block like those of a `ColumnFile`."""
 
+    def __init__(self) -> None:
+        self._parts: dict[str, list[np.ndarray]] = {}
+
+    def write(self, name: str, begin: int, values: np.ndarray) -> None:
+        self._parts.setdefault(name, []).append(values)
+
+    def shorten(self, rows: int) -> None:
+        for name in list(self._parts):
+            parts = self._parts.pop(name)
+            self[name] = parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def without(self, name: str) -> dict[str, np.ndarray]:
+        return {other: values for other, values in self.items() if other != name}
+
+
+def _and_then(start: _Block, blocks: Iterator[_Block]) -> Iterator[_Block]:
+    yield start
+    yield from blocks
+
+
+def _parts(frame: pd.DataFrame) -> Iterator[_Block]:
+    """Blocks of a table in memory; one at least."""
+    for begin in range(0, max(1, len(frame)), BLOCK_ROWS):
+        part = frame.iloc[begin:begin + BLOCK_ROWS]
+        yield _Block(begin, part, min(1.0, (begin + BLOCK_ROWS) / max(1, len(frame))))
+
+
+def _read(path: Path) -> tuple[int, Iterator[_Block]]:
+    """How many rows a file has at most, and its blocks; those of all of its columns."""
     wrong, ending = "", path.suffix.lower()
     try:
         size = path.stat().st_size
         if ending not in ENDINGS or not 0 < size <= MAX_FILE_SIZE:
             wrong = f"{shown(path.name)} of {size} bytes"
         elif ending == ".parquet":
-            return parquet.read_table(path).to_pandas()
+            return _parquet_blocks(path)
         else:
-            with path.open(encoding="utf-8") as file:
-                heading = file.readline(2 ** 20)
-            # one block: the type of a column is then that of all its rows
-            found = csv.read_csv(path, csv.ReadOptions(use_threads=False, block_size=size + 1),
-                                 csv.ParseOptions(delimiter=max(",;\t", key=heading.count)))
-            return found.rename_columns([name.lstrip("# ").strip() for name in found.column_names]).to_pandas()
+            with path.open("rb") as file:
+                ends = sum(max(part.count(b"\n"), part.count(b"\r"))
+                           for part in iter(lambda: file.read(BLOCK_SIZE), b""))
+            return ends + 1, _explained(path, _csv_blocks(path, size))
+    except OSError as error:
+        wrong = str(error.strerror or error)
+    raise _unreadable(path, wrong)
+
+
+def _unreadable(path: Path, wrong: str) -> ResultError:
+    return ResultError(str(path), [Problem("file", wrong, f"expected a table, {' or '.join(ENDINGS)}, of at most "
+                                                          f"{MAX_FILE_SIZE} bytes")])
+
+
+def _explained(path: Path, blocks: Iterator[_Block]) -> Iterator[_Block]:
+    """The blocks of a file; a ResultError for what is wrong with it, wherever in it that is found."""
+    import pyarrow as pa
+
+    try:
+        yield from blocks
     except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
-        wrong = shortened(" ".join(str(getattr(error, "strerror", None) or error).split()), 160)
-    raise ResultError(str(path), [Problem("file", wrong, f"expected a table, {' or '.join(ENDINGS)}, of at most "
-                                                         f"{MAX_FILE_SIZE} bytes")])
+        words = " ".join(str(getattr(error, "strerror", None) or error).split())
+        raise _unreadable(path, shortened(words, 160)) from None
+
+
+def _parquet_blocks(path: Path) -> tuple[int, Iterator[_Block]]:
+    """Rows and blocks of a Parquet file."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    def blocks(file: Any, rows: int) -> Iterator[_Block]:
+        begin = 0
+        for batch in file.iter_batches(BLOCK_ROWS):
+            part = _frame(pa.Table.from_batches([batch]).to_pandas(), str(path))
+            yield _Block(begin, part, (begin + len(part)) / rows)
+            begin += len(part)
+        if not begin:
+            yield _Block(0, _frame(file.schema_arrow.empty_table().to_pandas(), str(path)), 1.0)
+
+    try:
+        file = parquet.ParquetFile(path)
+    except (OSError, pa.ArrowException) as error:
+        raise _unreadable(path, shortened(" ".join(str(error).split()), 160)) from None
+    rows = file.metadata.num_rows
+    return rows, _explained(path, blocks(file, rows))
+
+
+def _csv_blocks(path: Path, size: int) -> Iterator[_Block]:
+    """Blocks of a CSV file: parts of it that end with a line, each read as a file of its own.
+
+    The type of a column is that of a block: where one block has words in it, these alone are no numbers.
+    """
+    import io
+
+    from pyarrow import csv
+
+    with path.open("rb") as file:
+        heading = file.readline(2 ** 20).decode("utf-8")
+        file.seek(0)
+        delimiter = max(",;\t", key=heading.count)
+        column_names: list[str] = []
+        begin, read = 0, 0
+        while text := file.read(BLOCK_SIZE):
+            while not (cut := max(text.rfind(b"\n"), text.rfind(b"\r")) + 1) and (more := file.read(BLOCK_SIZE)):
+                text += more  # a line longer than a block
+            if read + len(text) < size:
+                # a \r that ends the block may have its \n in the next one, and a line behind its end goes there too
+                cut = cut - 1 if text[cut - 1:] == b"\r" and cut > 1 else cut
+                file.seek(cut - len(text), 1)
+                text = text[:cut]
+            read += len(text)
+            if column_names and not text.strip():
+                continue
+            options = csv.ReadOptions(use_threads=False, block_size=len(text) + 1, column_names=column_names or None)
+            try:
+                found = csv.read_csv(io.BytesIO(text), options, csv.ParseOptions(delimiter=delimiter))
+            except ValueError as error:  # ArrowInvalid: its row is counted from the block's first line
+                raise type(error)(_ROW.sub(lambda row: f"Row #{int(row[1]) + begin + bool(column_names)}",
+                                           str(error))) from None
+            if not column_names:
+                column_names = found.column_names
+            cleaned = [name.lstrip("# ").strip() for name in column_names]
+            part = _frame(found.rename_columns(cleaned).to_pandas(), str(path))
+            yield _Block(begin, part, 1.0 if read >= size else read / size)
+            begin += len(part)
 
 
 def _frame(table: pd.DataFrame | Mapping[str, Any], origin: str) -> pd.DataFrame:
@@ -233,8 +382,22 @@ def _chosen(found: list[str], scene: Scene,
     return chosen, left_out, problems + misspelt
 
 
-def _numbers(column: pd.Series, may_be_open: bool) -> tuple[np.ndarray, list[tuple[int, str, str]]]:
-    """Numbers of a column, and row (from 1, below the names), found and expected of the first that is none."""
+@dataclass(frozen=True)
+class _Wrong:
+    """What is no number in a column: row (from 1, below the names), found, expected; a word or another number."""
+
+    row: int
+    found: str
+    expected: str
+    is_word: bool
+
+    def after(self, rows: int) -> _Wrong:
+        """The same of a block that has rows before it."""
+        return replace(self, row=self.row + rows)
+
+
+def _numbers(column: pd.Series, may_be_open: bool) -> tuple[np.ndarray, _Wrong | None]:
+    """Numbers of a column, and the first that is none: a word, or where there is no word nothing or infinity."""
     import pandas as pd
 
     values = np.full(len(column), np.nan)
@@ -243,11 +406,12 @@ def _numbers(column: pd.Series, may_be_open: bool) -> tuple[np.ndarray, list[tup
     words = np.isnan(values) & column.notna().to_numpy()
     wrong = words if words.any() else np.isinf(values) if may_be_open else ~np.isfinite(values)
     if not wrong.any():
-        return values, []
+        return values, None
     row = int(np.argmax(wrong))
     found = shown(str(column.iloc[row])) if words[row] else "nothing (NaN)" if np.isnan(values[row]) else "inf"
     decimal = re.fullmatch(r"'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*'", found)
-    return values, [(row + 1, found, "expected a finite number" + " with a decimal point" * bool(decimal))]
+    return values, _Wrong(row + 1, found, "expected a finite number" + " with a decimal point" * bool(decimal),
+                          bool(words[row]))
 
 
 def _size(unit: str, units: Mapping[str, float]) -> float:

@@ -3,13 +3,12 @@
 The outcomes lie in one SQLite file next to the folder that is to be written, for the reasons that
 `stiction.comparisons.campaigns.history` gives. An outcome is found again by the digest of all that it depends on:
 function and arguments (scenes by their content), time limit, code of the suite and of the engines, versions, machine.
-Anything else is run anew. Outcomes are pickled, since they hold trajectories: the file is for the user who made it, not
-to be passed on.
+Anything else is run anew. Outcomes are pickled, since they hold trajectories, and compressed
+(`stiction.comparisons.campaigns.packed_outcomes`): the file is for the user who made it, not to be passed on.
 """
 
 from __future__ import annotations
 
-import pickle
 import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -19,6 +18,7 @@ from pathlib import Path
 
 from stiction.comparisons.atomic_files import NotWritten
 from stiction.comparisons.campaigns.measurement import NOT_RUN
+from stiction.comparisons.campaigns.packed_outcomes import NotAnOutcome, pack, unpack
 from stiction.comparisons.digest import circumstances, digest
 from stiction.comparisons.timing.timed_runs import call_of
 from stiction.engines.isolation import Isolate, Outcome, Task, isolate
@@ -112,14 +112,14 @@ class KeptRuns:
     def _read(self, key: str) -> Outcome | None:
         try:
             row = self._connection.execute("SELECT outcome FROM outcomes WHERE key = ?", (key,)).fetchone()
-            return None if row is None else pickle.loads(row[0])
-        except (sqlite3.DatabaseError, pickle.UnpicklingError, EOFError) as error:
+            return None if row is None else unpack(row[0])
+        except (sqlite3.DatabaseError, NotAnOutcome) as error:
             raise KeptRefused(f"{self._path}: damaged ({error}); delete it to begin anew") from error
 
     def _write(self, key: str, outcome: Outcome) -> None:
         try:
             with self._connection:
-                self._connection.execute("INSERT INTO outcomes VALUES (?, ?)", (key, pickle.dumps(outcome)))
+                self._connection.execute("INSERT INTO outcomes VALUES (?, ?)", (key, pack(outcome)))
             self.kept += 1
         except sqlite3.OperationalError as error:
             raise NotWritten(self._path, OSError(str(error))) from error

@@ -1,22 +1,25 @@
 """Executors of tasks: processes of this machine or a Dask cluster.
 
-Runs of engines crash and hang: on a cluster, each worker isolates its share in child processes of its own.
+Runs of engines crash and hang: on a cluster, each worker isolates its share in child processes of its own. Workers pass
+on what they get and send as bytes, so they import nothing of what a task needs.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import partial
 from importlib import import_module
 from typing import Any
+from uuid import uuid4
 
 from stiction.child_processes import child_context, undisturbed_end
 from stiction.comparisons.environment import source_digest
-from stiction.engines.isolation import IdleChildren, Isolate, Outcome, Task, isolate
+from stiction.engines.isolation import IdleChildren, Isolate, Outcome, Task, isolate, sealed, unsealed
 from stiction.scenes import InputError
 
 EXPECTED = "expected processes, dask (a cluster on this machine) or dask:ADDRESS such as dask:tcp://host:8786"
@@ -40,9 +43,10 @@ def check_executor(name: str) -> None:
 def open_isolate(name: str = "processes", workers: int | None = None) -> Iterator[Isolate]:
     """Yield `stiction.engines.isolate` for ``"processes"``, or the same on a cluster.
 
-    ``"dask"`` has so many workers on this machine for the time of the block, ``"dask:ADDRESS"`` is a scheduler on whose
-    workers stiction is installed. There the parameter ``workers`` of `isolate` has no effect, and
-    tasks that have not begun when the block ends are cancelled. The tasks of a worker that dies are made again on
+    ``"dask"`` is a scheduler in this process for the time of the block, with `workers` threads, each of which waits
+    for a child process that does the work. ``"dask:ADDRESS"`` is a scheduler on whose workers stiction is installed.
+    On either, the parameter ``workers`` of `isolate` has no effect. When the block ends, tasks that have not begun
+    are cancelled, and the children of those that have are ended. The tasks of a worker that dies are made again on
     another; where Dask gives them up after several workers, their outcomes are ``crashed``. Raises InputError if no
     scheduler answers, or a worker has other code or may start no processes.
     """
@@ -50,61 +54,72 @@ def open_isolate(name: str = "processes", workers: int | None = None) -> Iterato
     if name == "processes":
         yield isolate
         return
+    if name == "dask":
+        child_context()  # the children's server imports while Dask is imported
+    block = uuid4().hex
     with undisturbed_end(), _dask_client(name, workers) as client:
         _check_workers(name, client)
         executor = client.get_executor()
         try:
-            yield partial(_isolate_on, executor)
+            yield partial(_isolate_on, executor, block)
         finally:
             executor.shutdown(wait=False)  # Dask's way to cancel
-            # a worker that ends waits for its children, which do not end before it does
-            client.run(_end_idle_children, on_error="ignore")
+            # a process that ends waits for its children, which do not end before it does
+            client.run(_end_children, block, on_error="ignore")
 
 
-def _isolate_on(executor: Executor, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
+def _isolate_on(executor: Executor, block: str, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
                 on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
     from distributed.scheduler import KilledWorker
 
-    one_by_one = partial(_isolate_at_worker, timeout_s=timeout_s)
-    batches = [tasks[first:first + BATCH] for first in range(0, len(tasks), BATCH)]
-    waiting: dict[Future[list[Outcome]], Sequence[Task]] = {}
-    found: dict[Future[list[Outcome]], list[Outcome]] = {}
+    one_by_one = partial(_isolate_at_worker, block, timeout_s=timeout_s)
+    shares = [sealed(task) for task in tasks]
+    found: dict[int, list[Outcome]] = {}
+    begun: dict[Future[list[Outcome]], int] = {}
+    """First task of each batch. What has been read is dropped, so that its worker need not hold it any longer."""
     try:
-        for batch in batches:
-            waiting[executor.submit(one_by_one, batch)] = batch
-        for future in as_completed(waiting):
+        for first in range(0, len(tasks), BATCH):
+            begun[executor.submit(one_by_one, shares[first:first + BATCH])] = first
+        for future in as_completed(begun):
+            first = begun.pop(future)
             try:
-                found[future] = future.result()
+                found[first] = [unsealed(outcome) for outcome in future.result()]
             except KilledWorker as error:
                 reason = " ".join(f"workers died: {error}".split())
-                found[future] = [Outcome(task.label, "crashed", reason=reason) for task in waiting[future]]
+                found[first] = [Outcome(task.label, "crashed", reason=reason) for task in tasks[first:first + BATCH]]
             if on_result is not None:
-                for outcome in found[future]:
+                for outcome in found[first]:
                     on_result(outcome)
     finally:
-        for future in waiting:
+        for future in begun:
             future.cancel()
-    return [outcome for future in waiting for outcome in found[future]]
+    return [outcome for first in sorted(found) for outcome in found[first]]
 
 
-def _isolate_at_worker(tasks: Sequence[Task], *, timeout_s: float) -> list[Outcome]:
-    """Make tasks one after the other in a child of this worker, which is kept for the next ones."""
-    return isolate(tasks, workers=1, timeout_s=timeout_s, kept=_idle_children())
+def _isolate_at_worker(block: str, tasks: Sequence[Task], *, timeout_s: float) -> list[Outcome]:
+    """Make tasks one after the other in a child of this worker, which is kept for the next ones of the block."""
+    return isolate(tasks, workers=1, timeout_s=timeout_s, kept=_children_of(block), unpickle=False)
 
 
-@cache
-def _idle_children() -> IdleChildren:
-    """Those of this process: a worker that runs several tasks at a time has as many."""
-    return IdleChildren()
+_KEPT: dict[str, IdleChildren] = {}
+"""Children of this process by the block of `open_isolate` that they work for, or worked for: that is how a task which
+comes after the end of its block knows. A worker that runs several tasks at a time has as many children."""
+_KEPT_LOCK = threading.Lock()
 
 
-def _end_idle_children() -> None:
-    _idle_children().end()
+def _children_of(block: str) -> IdleChildren:
+    with _KEPT_LOCK:
+        if block not in _KEPT:
+            _KEPT[block] = IdleChildren()
+        return _KEPT[block]
+
+
+def _end_children(block: str) -> None:
+    _children_of(block).end_all()
 
 
 @contextmanager
 def _dask_client(name: str, workers: int | None) -> Iterator[Any]:
-    import dask
     from distributed import Client, LocalCluster
 
     if address := name.partition(":")[2]:
@@ -115,9 +130,9 @@ def _dask_client(name: str, workers: int | None) -> Iterator[Any]:
         with client:
             yield client
         return
-    with dask.config.set({"distributed.worker.daemon": False}), \
-            LocalCluster(n_workers=workers or os.cpu_count() or 1, threads_per_worker=1,  # kernels hold Python's lock
-                         dashboard_address=None) as cluster, Client(cluster) as client:
+    # threads of this process cost no start, and no limit of its memory concerns what children have
+    with LocalCluster(n_workers=1, threads_per_worker=workers or os.cpu_count() or 1, processes=False,
+                      memory_limit=None, dashboard_address=None) as cluster, Client(cluster) as client:
         yield client
 
 

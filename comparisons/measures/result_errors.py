@@ -14,6 +14,7 @@ import pandas as pd
 from stiction.comparisons.measures.accuracy import effort_error, is_known
 from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.scenes import Scene, Trajectory
+from stiction.scenes.column_file import in_parts
 from stiction.scenes.columns import BODY_COLUMNS, unit_of
 from stiction.scenes.result_table import ResultTable
 
@@ -29,6 +30,8 @@ COARSE, SLIGHT = 1e-2, 1e-6
 is sought."""
 UNDETERMINED = "not determined by the motion"
 """Measure of a column that the motion and Coulomb's law leave open throughout."""
+AT_ONCE = 2 ** 17
+"""Rows of a table that are summed together."""
 KNOWN = 1e3
 """Ratio of a column's size to its uncertainty above which it is not nothing but rounding."""
 
@@ -53,11 +56,14 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
         label, unit, unsure = name.rpartition(".")[2], unit_of(name, scene), truth.uncertainty.get(name, 0.0)
         if name not in after or label == "mode" or name.startswith("drift."):
             continue
-        off, other = found - after[name], found - before[name]
-        off = np.where(np.abs(other) <= np.abs(off), other, off)
-        if label == "angle":
-            off = off - TURN * np.round(off / TURN)
-        known_truth = after[name][~np.isnan(after[name])]
+        off = np.empty(len(found))
+        for part in in_parts(len(found), AT_ONCE):
+            behind, other = found[part] - after[name][part], found[part] - before[name][part]
+            nearer = np.where(np.abs(other) <= np.abs(behind), other, behind)
+            off[part] = nearer - TURN * np.round(nearer / TURN) if label == "angle" else nearer
+        known_truth = after[name]
+        if np.isnan(known_truth).any():
+            known_truth = known_truth[~np.isnan(known_truth)]
         size, tier = float(np.max(np.abs(known_truth), initial=0.0)), truth.effort_tier
         time, error, measure = None, None, "left open at some instants"
         if label in CONTINUOUS:
@@ -73,7 +79,9 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
                 measure = UNDETERMINED
         is_complete = np.isfinite(found).all() and np.isfinite(after[name]).all()
         known = is_complete and size > KNOWN * truth.uncertainty.get(name, 0.0) and single.any()
-        cause = hint(found[single], after[name][single], off[single], unit) if known else Hint()
+        # most tables have a row for each instant, and are taken as they are
+        rows_of_one = slice(None) if single.all() else single
+        cause = hint(found[rows_of_one], after[name][rows_of_one], off[rows_of_one], unit) if known else Hint()
         rows.append((name, unit, size, tier, time, error, unsure, measure, *cause))
     return pd.DataFrame(rows, columns=COLUMNS).astype({"error_time": float, "error": float})
 
@@ -83,26 +91,50 @@ def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hin
 
     Causes are other units, the other sign, a step early or late, another origin.
     """
-    error, size = float(np.mean(np.abs(off))), float(np.mean(np.abs(true)))
+    error, size = _mean_size(off), _mean_size(true)
     if not error > SLIGHT * size:
         return Hint()
-    left, best = min((float(np.mean(np.abs(other))), cause)
-                     for cause, other in _causes(found, true, off, unit, error > COARSE * size))
+    left, best = min((_mean_left(cause, found, true), cause.hint)
+                     for cause in _causes(true, off, unit, size, error > COARSE * size))
     return best if left <= EXPLAINS * min(error, size) else Hint()
 
 
-def _causes(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str,
-            is_coarse: bool) -> Iterator[tuple[Hint, np.ndarray]]:
-    """Causes, each with the differences that it leaves."""
+class _Cause(NamedTuple):
+    """A reading of a column: each value times `factor` and less `origin` is that of the truth `shift` rows before."""
+
+    hint: Hint
+    factor: float = 1.0
+    origin: float = 0.0
+    shift: int = 0
+
+
+def _causes(true: np.ndarray, off: np.ndarray, unit: str, size: float, is_coarse: bool) -> Iterator[_Cause]:
+    """Causes that there can be; `size` is the mean of |true|."""
     kind = unit.partition("/")[0]
     if is_coarse and kind == "rad":
-        yield Hint("57.3 times the truth: degrees? (--units deg)", True), found * np.pi / 180 - true
+        yield _Cause(Hint("57.3 times the truth: degrees? (--units deg)", True), np.pi / 180)
     elif is_coarse and kind in ("m", "N", "N m"):
-        yield Hint("1000 times the truth: other units?" + " (--units mm)" * (kind != "N"), True), found / 1e3 - true
-        yield Hint("a thousandth of the truth: other units?", True), found * 1e3 - true
+        yield _Cause(Hint("1000 times the truth: other units?" + " (--units mm)" * (kind != "N"), True), 1e-3)
+        yield _Cause(Hint("a thousandth of the truth: other units?", True), 1e3)
     if is_coarse:
-        yield Hint("the other sign (--map MINE=-COLUMN)", True), -found - true
-    if is_coarse and unit in ("m", "rad") and np.ptp(true) > COARSE * np.mean(np.abs(true)):
-        yield Hint("off by a constant: another origin or point of the body?", True), off - np.mean(off)
-    yield Hint("a sample late: each row has the value of the row before", False), found[1:] - true[:-1]
-    yield Hint("a sample early: each row has the value of the row behind", False), found[:-1] - true[1:]
+        yield _Cause(Hint("the other sign (--map MINE=-COLUMN)", True), -1.0)
+    if is_coarse and unit in ("m", "rad") and np.ptp(true) > COARSE * size:
+        yield _Cause(Hint("off by a constant: another origin or point of the body?", True), origin=float(np.mean(off)))
+    yield _Cause(Hint("a sample late: each row has the value of the row before", False), shift=1)
+    yield _Cause(Hint("a sample early: each row has the value of the row behind", False), shift=-1)
+
+
+def _mean_left(cause: _Cause, found: np.ndarray, true: np.ndarray) -> float:
+    """The mean of what is left of |found - true| where a cause is taken away; nan without rows."""
+    later, earlier = max(cause.shift, 0), max(-cause.shift, 0)
+    rows = len(found) - later - earlier
+    total = 0.0
+    for part in in_parts(rows, AT_ONCE):
+        with np.errstate(over="ignore"):  # huge values in another unit: infinite, and no explanation
+            read = cause.factor * found[later:][part] - cause.origin
+            total += float(np.sum(np.abs(read - true[earlier:][part])))
+    return total / rows if rows > 0 else np.nan
+
+
+def _mean_size(values: np.ndarray) -> float:
+    return sum(float(np.sum(np.abs(values[part]))) for part in in_parts(len(values), AT_ONCE)) / len(values)

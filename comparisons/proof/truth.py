@@ -125,7 +125,7 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
         for time, event in zip(times, truth.events):  # the truth has two sides of an event at its own time for it
             at[t == time] = event.time
         found = truth.columns(at, side)
-        return found | {name: values for name, values in proven.columns(t, side).items() if name in found}
+        return {**found, **{name: values for name, values in proven.columns(t, side).items() if name in found}}
 
     return replace(truth, tier=PROVEN, tier_below=truth.tier, columns=columns,
                    uncertainty={**truth.uncertainty, **errors, "event time": proven.event_time},

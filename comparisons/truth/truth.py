@@ -21,7 +21,7 @@ EPS = np.finfo(float).eps
 SAMPLES = 2401
 """Instants at which the truth of a stored run is known, over the whole of its time: every 10 ms of 24 s."""
 
-Columns = Callable[[np.ndarray, str], dict[str, np.ndarray]]
+Columns = Callable[[np.ndarray, str], Mapping[str, np.ndarray]]
 """``columns(t, side)`` with t of shape (n,) and side of `SIDES`: the columns by name."""
 
 
@@ -80,7 +80,7 @@ class Truth:
             uncertainty["event time"] = rounding * max(t_end, 1.0)
         return cls(scene.name, CLOSED_FORM, t_end, columns, uncertainty, two_sided(switches or (), columns))
 
-    def __call__(self, t: np.ndarray | float, side: str = "after") -> dict[str, np.ndarray]:
+    def __call__(self, t: np.ndarray | float, side: str = "after") -> Mapping[str, np.ndarray]:
         """Return the columns of a Trajectory at times t; `side` says which value holds at an event itself.
 
         Raises ValueError for a time outside of [0, t_end] or an unknown side.

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from stiction.comparisons.campaigns.nightly import Result
     from stiction.comparisons.results import Results
 
-KEPT_RUNS_BYTES = 500e6
+KEPT_RUNS_BYTES = 200e6
 """Free bytes below which `validate` says what it needs: twice what it takes with --quick and one engine, and more."""
 commands = typer.Typer()
 baselines = typer.Typer(cls=Commands, no_args_is_help=True, help="What runs are held to.")
@@ -83,7 +83,7 @@ def _say_if_disk_is_small(folder: Path) -> None:
     place = next(parent for parent in folder.absolute().parents if parent.exists())
     free = disk_usage(place).free
     if free < KEPT_RUNS_BYTES:
-        say(f"{free / 1e6:.0f} MB are free at {place}, where all runs are kept until the report is there: some 200 MB "
+        say(f"{free / 1e6:.0f} MB are free at {place}, where all runs are kept until the report is there: some 80 MB "
             "with --quick and one engine, more otherwise. On a full disk the command ends; called again, it goes on")
 
 

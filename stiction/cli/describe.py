@@ -40,7 +40,7 @@ def list_engines(name: Annotated[str | None, typer.Argument(
         metavar="[NAME]", help="One of them, module:Class, a program's FILE.toml or a FILE.fmu: its settings, their "
         "defaults and what they mean.")] = None,
                  try_it: Annotated[bool, typer.Option(
-        "--try", help="Try it on four scenes, from a free body to the slider-bar, and say what is wrong in the "
+        "--try", help="Try it on five scenes, from a free body to the slider-bar, and say what is wrong in the "
         "first that is.")] = False, timeout: Timeout = 120) -> None:
     """List the engines: version or why it is missing, fidelities, friction law and who supplies it."""
     if try_it:
@@ -114,7 +114,7 @@ def export(scene: SceneName, overrides: Overrides = [],
 def _try(name: str, timeout: float) -> None:
     from stiction.comparisons.conformance import conformance
 
-    announce(f"{name}: four scenes, up to {timeout:g} s each")
+    announce(f"{name}: five scenes, up to {timeout:g} s each")
     for trial in conformance(name, timeout):
         print(f"{trial.scene}: {trial.verdict}: " + "\n  ".join(trial.words))
     if trial.verdict not in ("right", "refused"):

@@ -55,7 +55,9 @@ def judge(scene: Annotated[str, typer.Argument(
     if is_folder and overrides:
         raise typer.BadParameter("found it with the folder of a truth; expected a scene", param_hint="--set")
     announce(f"solving {scene} by another method, and comparing")
-    judged = judged_by(scene if is_folder else scene_of(scene, overrides), result, mapping, sizes, t_end)
+    chosen = scene if is_folder else scene_of(scene, overrides)
+    with progress("judge") as bar:
+        judged = judged_by(chosen, result, mapping, sizes, t_end, tell=bar.share)
     print(f"{result} on {judged.scene.name}\n{judged}\n")
     for view in judged.presentation.tables[:1]:
         show(view.heads(), view.cells())

@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -86,9 +87,32 @@ def test_mistake_of_the_mechanics_stops_at_the_first_scene_that_shows_it(declare
     assert (wrong.scene, wrong.verdict in ("wrong", "failed")) == (scene, True), (right, wrong)
 
 
+@pytest.mark.parametrize(("behind", "scene", "words"), [
+    ("every(['friction'], lambda f: -f)", "block-on-incline", "friction drives the slider"),
+    ("every(['friction'], lambda f: 1.3 * f)", "block-on-incline", "guide.friction"),
+    ("every(['friction'], lambda f: 0.5 * f)", "block-on-incline", "guide.friction"),
+    ("every(['ax', 'ay'], lambda a: -a)", "free-body", "other sign")], ids=["sign", "more", "half", "acceleration"])
+def test_mistake_of_the_forces(declared, behind, scene, words):
+    """Positions and velocities are right."""
+    *_, wrong = conformance(declared(behind=behind), 120)
+    assert (wrong.scene, wrong.verdict) == (scene, "wrong") and words in "\n".join(wrong.words)
+
+
+def test_forces_that_no_gate_can_judge_are_held_to_the_truth():
+    """Another normal force and another effort with it balance only for who looks at all rows: here at the table alone."""
+    from stiction.comparisons.conformance import _faults
+    from stiction.comparisons.judgement import judge
+    scene = conformance_scenes()[-1]
+    run = PymunkEngine().simulate(scene, dt=1e-3)
+    assert not list(_faults(judge(scene, run)))
+    for name, factor in (("guide.normal_force", 1.1), ("motor.effort", -1.0), ("guide.friction", 0.8), ("pin.fx", 0.5)):
+        words = "\n".join(_faults(judge(scene, replace(run, columns={**run.columns, name: factor * run[name]}))))
+        assert name in words, (name, words)
+
+
 def test_a_refusal_is_none(declared):
     trials = list(conformance(declared(friction_law=""), 120))
-    assert [trial.verdict for trial in trials] == ["right", "right", "refused", "refused"]
+    assert [trial.verdict for trial in trials] == ["right"] * 3 + ["refused"] * 2
 
 
 class Garbage(PymunkEngine):
@@ -98,7 +122,7 @@ class Garbage(PymunkEngine):
 
 def test_engines_of_any_kind():
     """By name, and by module and class: what is no result at all is said in the words of the gate."""
-    assert [trial.verdict for trial in conformance("pymunk", 120)] == ["right"] * 4
+    assert [trial.verdict for trial in conformance("pymunk", 120)] == ["right"] * 5
     [garbage] = conformance(f"{__name__}:Garbage", 120)
     assert garbage.verdict == "failed" and "expected a stiction.scenes.Trajectory" in garbage.words[0]
     with pytest.raises(InputError, match="did you mean 'pymunk'"):

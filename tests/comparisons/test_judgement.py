@@ -63,7 +63,7 @@ class TestRight:
         assert judged.tables["jumps"]["resolved"].all() and len(judged.tables["jumps"]) == 15
         assert judged.tables["findings"].empty
         summary = judged.tables["summary"].loc[0]
-        assert summary["energy error [J]"] <= summary["energy uncertainty [J]"] < 0.01 * summary["energy exchanged [J]"]
+        assert summary["energy_error"] <= summary["energy_uncertainty"] < 0.01 * summary["energy_exchanged"]
         if two_sided:  # efforts are exact
             assert error_of(judged, "motor.effort")["uncertainty"] < 1e-8 and summary["events_matched"] == 25
             assert judged.tables["jumps"]["jump_error"].abs().max() < 1e-9
@@ -138,7 +138,7 @@ class TestWrong:
 
     def test_energy_velocities_and_constraints_that_do_not_fit(self, frame):
         summary = judge(CASE, frame.assign(**{"motor.effort": 1.1 * frame["motor.effort"]})).tables["summary"].loc[0]
-        assert summary["energy error [J]"] > 3 * summary["energy uncertainty [J]"]
+        assert summary["energy_error"] > 3 * summary["energy_uncertainty"]
         states = only(frame, *POSITIONS, *VELOCITIES)
         faster = states.assign(**{"slider.vx": 1.2 * frame["slider.vx"], "bar.vx": 1.2 * frame["bar.vx"]})
         assert any("velocities" in finding for finding in judge(CASE, faster).tables["findings"]["finding"])
@@ -213,3 +213,30 @@ def test_an_acceleration_or_force_that_is_off_is_named_among_the_findings(column
     assert not said(true)
     [line] = said({**true, column: factor * true[column]})
     assert line.startswith(column + " is off by ")
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+@pytest.mark.parametrize("change", [lambda frame: frame, lambda frame: only(frame, *POSITIONS), lambda frame: only(frame, "slider.x"),
+                                    lambda frame: frame.assign(**{"guide.F1": 1.2 * frame["guide.F1"], "slider.x": frame["slider.x"] + 1e-4})])
+def test_long_tables_are_judged_like_short_ones(monkeypatch, two_sided, change):
+    """The same table as a whole and in parts of some hundred rows, whose columns are in files."""
+    from stiction.comparisons import judgement
+    from stiction.comparisons.measures import accuracy, result_errors
+    from stiction.reference_impl import energies
+    from stiction.scenes import result_table
+
+    frame = change(true_table(two_sided=two_sided))
+    whole = judge(CASE, frame)
+    for module in (judgement, accuracy, result_errors, energies):
+        monkeypatch.setattr(module, "AT_ONCE", 300)
+    monkeypatch.setattr(judgement, "SOLVED", 250)
+    monkeypatch.setattr(result_table, "LARGE", 0)
+    monkeypatch.setattr(result_table, "BLOCK_ROWS", 400)
+    shares = []
+    parts = judge(CASE, frame, tell=shares.append)
+    assert shares == sorted(shares) and shares[-1] == 1.0
+    for name in ("errors", "summary", "stick-phases", "jumps"):
+        pd.testing.assert_frame_equal(parts.tables[name], whole.tables[name], rtol=1e-3, atol=1e-9)
+    assert len(parts.tables["findings"]) == len(whole.tables["findings"])
+    words = [text.split(" at t = ")[0] for text in whole.tables["findings"]["finding"]]
+    assert [text.split(" at t = ")[0] for text in parts.tables["findings"]["finding"]] == words

@@ -272,7 +272,7 @@ def test_a_unit_without_a_definition_is_named(scripted):
 
 def test_a_step_that_is_not_taken(scripted, monkeypatch):
     """An FMU that discards a step ends its run, or says that it goes on and stays where it is."""
-    engine, scene = scripted("        self.out = self.columns()\n        return True", "        return self.t < 0.5"), load_scene(CASES[0])
+    engine, scene = scripted("        self.out = self.columns()\n        return True", "        self.out = self.columns()\n        return self.t < 0.5"), load_scene(CASES[0])
     run = engine.simulate(scene, t_end=1, dt=1e-2)
     assert "ended the run" in run.termination and run.t[-1] == pytest.approx(0.5, abs=0.02)
     monkeypatch.setattr("fmpy.fmi2.FMU2Slave.getBooleanStatus", lambda *_: False)

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import textwrap
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,7 +27,7 @@ from stiction.comparisons.campaigns.checkpoint import kept_runs
 from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine,
                               engine_names, isolate, isolation, load_engine, run_isolated)
 from stiction.engines.gate import required_columns
-from stiction.engines.isolation import IdleChildren
+from stiction.engines.isolation import ChildrenEnded, IdleChildren, sealed, unsealed
 from stiction.engines.protocol import installed_version
 from stiction.scenes import InputError, Trajectory, load_scene
 
@@ -55,6 +56,17 @@ def outcomes():
     assert [outcome.label for outcome in results] == [task.label for task in tasks]
     assert sorted(map(id, seen)) == sorted(map(id, results))
     return {outcome.label: outcome for outcome in results}
+
+
+def test_sealed_tasks_have_the_same_outcomes(outcomes):
+    """All that differs is that whoever passes them on has not unpickled them."""
+    tasks = [Task("first", product, (6, 7)), Task("abort", say_and_abort), Task("raise", fail, (ArithmeticError, "matrix is singular\nat step 7")),
+             Task("refused", fail, (Refused, "no moving guides")), Task("unpicklable", unpicklable), Task("cannot be unpickled", Treacherous)]
+    passed_on = isolate([sealed(task) for task in tasks], workers=1, timeout_s=TIMEOUT_S, unpickle=False)
+    assert isinstance(passed_on[0].value, bytes) and isinstance(passed_on[-1].value, bytes)
+    for outcome in map(unsealed, passed_on):
+        direct = outcomes[outcome.label]
+        assert (outcome.status, outcome.value, outcome.reason, outcome.bug) == (direct.status, direct.value, direct.reason, direct.bug)
 
 
 @pytest.mark.parametrize(("label", "status", "reason"), [
@@ -534,6 +546,35 @@ class TestKeptChildren:
         [second] = isolate([Task("who", process_id)], workers=1, timeout_s=TIMEOUT_S, kept=kept)
         assert second.status == "ok" and second.value != first.value
         kept.end()
+
+    def test_threads_that_share_them_do_not_disturb_each_other(self):
+        """Each gets the outcomes of its own tasks, with the exit codes of its own children."""
+        def share(first):
+            tasks = [Task("ok", product, (first, 10)), Task("exit", leave_at_once, (first,)), Task("abort", say_and_abort)]
+            return isolate(tasks, workers=1, timeout_s=TIMEOUT_S, kept=kept)
+
+        kept = IdleChildren()
+        numbers = range(1, 9)
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(share, numbers))
+        kept.end()
+        assert [outcomes[0].value for outcomes in found] == [10 * number for number in numbers]
+        assert [outcomes[1].reason for outcomes in found] == [f"exit code {number} before there was a result" for number in numbers]
+        assert all(outcomes[2].reason.startswith("SIGABRT") for outcomes in found)
+
+    def test_another_thread_can_end_those_at_work(self, tmp_path):
+        kept = IdleChildren()
+        with ThreadPoolExecutor(1) as pool:
+            waiting = pool.submit(isolate, [Task("hang", announce_and_hang, (str(tmp_path / "child"),)), Task("next", process_id)],
+                                  workers=1, timeout_s=TIMEOUT_S, kept=kept)
+            while not (tmp_path / "child").exists() or not (tmp_path / "child").read_text():
+                time.sleep(0.01)
+            kept.end_all()
+            with pytest.raises(ChildrenEnded):
+                waiting.result()
+        until_gone(int((tmp_path / "child").read_text()))
+        with pytest.raises(ChildrenEnded):
+            isolate([Task("late", process_id)], workers=1, timeout_s=TIMEOUT_S, kept=kept)
 
     def test_idle_children_end_by_themselves(self):
         kept = IdleChildren(idle_s=0.01)

@@ -1,6 +1,7 @@
 """A campaign that is cut off keeps what it has finished, and the same campaign, called again, goes on with it."""
 
 import os
+import pickle
 import signal
 import sqlite3
 import subprocess
@@ -23,7 +24,7 @@ from stiction.comparisons.campaigns import executors
 from stiction.comparisons.campaigns.checkpoint import KeptRefused, kept_file, kept_runs
 from stiction.comparisons.campaigns.participants import variants as all_variants
 from stiction.comparisons.depth import Depth
-from stiction.engines import EngineFailure, Task
+from stiction.engines import EngineFailure, Outcome, Task
 from stiction.reports import write_report
 from stiction.scenes import load_scene, vary
 
@@ -167,7 +168,7 @@ def test_a_full_disk_ends_the_campaign_with_the_name_of_the_file(tmp_path):
     with kept_runs(tmp_path / "out", ENGINES) as runs:
         runs._connection.execute("PRAGMA max_page_count = 3")  # the database as full as a disk can be
         with pytest.raises(NotWritten, match=r"\.out\.unfinished\.sqlite: not written: database or disk is full"):
-            runs.isolate([Task("large", bytes, (10 ** 6,))], timeout_s=600, made_by=called_here)
+            runs.isolate([Task("large", os.urandom, (10 ** 6,))], timeout_s=600, made_by=called_here)
 
 
 def test_a_file_that_another_process_writes_to_and_one_that_is_no_database_are_refused(tmp_path):
@@ -178,6 +179,20 @@ def test_a_file_that_another_process_writes_to_and_one_that_is_no_database_are_r
     kept_file(tmp_path / "text").write_text("not a database" * 100)
     with pytest.raises(KeptRefused, match="not a database; delete it"), kept_runs(tmp_path / "text", ENGINES):
         pass
+
+
+def test_a_damaged_run_is_refused_with_what_to_do_and_one_of_other_code_is_made_anew(tmp_path, monkeypatch):
+    """Also where the file has runs as an earlier version wrote them, which had other code."""
+    calls = tmp_path / "calls"
+    tasks = [Task("note", note, (str(calls),))]
+    run(tmp_path / "out", tasks, made_by=called_here)
+    with closing(sqlite3.connect(kept_file(tmp_path / "out"))) as database, database:
+        database.execute("UPDATE outcomes SET outcome = ?", (pickle.dumps(Outcome("0", "ok", 1)),))
+    with pytest.raises(KeptRefused, match=r"\.out\.unfinished\.sqlite: damaged .*another version.*; delete it to begin anew"):
+        run(tmp_path / "out", tasks, made_by=called_here)
+    monkeypatch.setattr(digest, "source_digest", lambda: "another code")
+    assert run(tmp_path / "out", tasks, made_by=called_here)[1] == 0 and calls.read_text() == "xx"
+    assert run(tmp_path / "out", tasks, made_by=called_here)[1] == 1 and calls.read_text() == "xx"
 
 
 def test_validate_goes_on_where_it_stopped(tmp_path, monkeypatch, interruptible, in_this_process, short_validation):

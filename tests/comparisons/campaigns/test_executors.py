@@ -4,9 +4,12 @@ import math
 import multiprocessing
 import os
 import signal
+import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from child_tasks import hang
 from conftest import called_here, invoke
 
 from stiction.cli.exit_codes import BAD_INPUT
@@ -30,6 +33,33 @@ def kill_the_worker(after: str) -> None:
         except FileExistsError:
             return
     os.kill(multiprocessing.parent_process().pid, signal.SIGKILL)
+
+
+def interrupt(outcome):
+    raise KeyboardInterrupt
+
+
+def test_dask_on_this_machine_has_the_outcomes_of_processes():
+    pytest.importorskip("distributed")
+    tasks = [*(Task(f"{number}", abs, (-number,)) for number in range(3 * executors.BATCH)), Task("crashes", os.abort),
+             Task("raises", int, ("a",))]
+    with open_isolate("dask", 2) as isolated:
+        found = isolated(tasks, timeout_s=LIMIT_S)
+    expected = isolate(tasks, workers=2, timeout_s=LIMIT_S)
+    assert [outcome.status for outcome in expected[-2:]] == ["crashed", "failed"]
+    assert "invalid literal" in found[-1].log and found[-1].bug
+    # a log has tracebacks, with a frame more where a task was passed on
+    incidental = {"wall_s": 0.0, "cpu_s": None, "log": ""}
+    assert [replace(outcome, **incidental) for outcome in found] == [replace(outcome, **incidental) for outcome in expected]
+
+
+def test_an_interrupt_ends_the_children_of_dask_on_this_machine():
+    """Those at work too: a process waits for its children at its end."""
+    pytest.importorskip("distributed")
+    with pytest.raises(KeyboardInterrupt), open_isolate("dask", 2) as isolated:
+        isolated([Task("done", abs, (-1,))] * executors.BATCH + [Task("hangs", hang)] * 20, timeout_s=LIMIT_S,
+                 on_result=interrupt)
+    assert [child for child in multiprocessing.active_children() if child.name == "stiction-child"] == []
 
 
 def test_what_is_timed_stays_here(monkeypatch):
@@ -71,6 +101,9 @@ def test_a_killed_worker_loses_nothing(cluster, tmp_path):
     assert (tmp_path / "killed").exists() and len(reported) == len(found)
     assert [outcome.label for outcome in found] == [task.label for task in tasks]
     assert [outcome.reason for outcome in found if outcome.status != "ok"] == []
+    with pytest.importorskip("distributed").Client(cluster.removeprefix("dask:")) as client:
+        imported = client.run(lambda: {"numba", "pandas", "scipy"} & set(sys.modules)).values()
+    assert list(imported) == [set(), set()]  # what runs need is imported in children alone
     del found[3]
     for here, there in zip(isolate(runs, timeout_s=LIMIT_S), found, strict=True):
         assert here.value.columns.keys() == there.value.columns.keys()

@@ -20,6 +20,7 @@ from stiction.comparisons.campaigns.night_changes import environment_changes
 from stiction.comparisons.campaigns.regression import BETTER, COULD_NOT_RUN, REGRESSION
 from stiction.comparisons.methods import MISSING_ENGINE
 from stiction.comparisons.presentation.cells import setting_of
+from stiction.comparisons.quantities import quantity_of
 from stiction.reports.markdown.regression_report import REPORT, SUMMARY
 from stiction.reports.page.document import View, chart, document, items, link, paragraph, table
 from stiction.scenes.pictures.picture import CYCLE
@@ -87,7 +88,10 @@ def _read(folder: Path) -> _Night:
     shown = [finding for finding in summary["findings"] if finding["severity"] in SHOWN_SEVERITIES]
     worse = frozenset((finding["metric"], finding["key"]) for finding in shown if finding["severity"] == REGRESSION)
     worst = (shown[0]["metric"], shown[0]["key"]) if shown else None
-    words = " of ".join(filter(None, (shown[0]["metric"] or shown[0]["kind"], shown[0]["key"]))) if shown else ""
+    words = ""
+    if shown:
+        what = quantity_of(shown[0]["metric"]).head if shown[0]["metric"] else shown[0]["kind"]
+        words = " of ".join(filter(None, (what, shown[0]["key"])))
     return _Night(tuple(summary.get("lines", ())), worst, words, worse, folder / REPORT)
 
 
@@ -120,15 +124,16 @@ def _course(rows: pd.DataFrame, nights: pd.DataFrame, told: Mapping[str, _Night]
     names, known = list(nights["night"]), rows[rows["value"].notna()]
     commits = rows.dropna(subset="commit_hash").drop_duplicates("night").set_index("night")["commit_hash"]
     notes = [f"commit {commit}" for commit in commits.reindex(names).fillna("–")]
-    views = [_view(tuple(map(str, labels)), part, names, notes, told)
-             for labels, part in known.groupby(["metric", "scene"], sort=False)]
+    views = [_view(str(metric), str(scene), part, names, notes, told)
+             for (metric, scene), part in known.groupby(["metric", "scene"], sort=False)]
     if (worst := told[names[-1]].worst) is not None:
         metric, key = worst
+        shown_as = quantity_of(metric).head
         scene = rows.loc[rows["key"] == key, "scene"].head(1).to_list()
 
         def distance(view: View) -> int:
             """0 for the view of the worst finding; where it has no metric, for those of its scene."""
-            return (view.labels[1] not in scene) + 2 * (metric != "" and view.labels[0] != metric)
+            return (view.labels[1] not in scene) + 2 * (metric != "" and view.labels[0] != shown_as)
 
         views.sort(key=distance)
     return [paragraph("One line per variant and step size or tolerance; a red ring is a regression. Errors, drift and "
@@ -181,9 +186,10 @@ def _short_names(nights: Sequence[str]) -> list[str]:
             f"{night[5:10]} {night[11:16 if minutes[night[:16]] == 1 else 23]}" for night in nights]
 
 
-def _view(labels: tuple[str, ...], rows: pd.DataFrame, nights: list[str], notes: list[str],
+def _view(metric: str, scene: str, rows: pd.DataFrame, nights: list[str], notes: list[str],
           told: Mapping[str, _Night]) -> View:
     """The course of a metric on a scene."""
+    head = quantity_of(metric).head
     block, series, ends = Columns(), [], []
     timed = (rows["kind"] == "time").all()
     logarithmic = bool((rows["value"] > 0).all()) and rows["kind"].iloc[0] in ("accuracy", "drift", "time")
@@ -197,7 +203,7 @@ def _view(labels: tuple[str, ...], rows: pd.DataFrame, nights: list[str], notes:
             if logarithmic:  # of a logarithm the relative uncertainty
                 values, unsure = np.log10(values), unsure / (values * np.log(10))
             flags = [place for place, night in enumerate(nights)
-                     if {(labels[0], key), ("", key)} & told[night].regressions]
+                     if {(metric, key), ("", key)} & told[night].regressions]
             ends += [np.nanmin(values), np.nanmax(values)]
             name = variant if variant == "truth" else f"{variant} ({setting_of(first['parameter'], first['step'])})"
             series.append({
@@ -208,8 +214,8 @@ def _view(labels: tuple[str, ...], rows: pd.DataFrame, nights: list[str], notes:
                 "error": [[block.add(unsure)]] if timed else None})
     low, high = min(ends), max(ends)
     room = 0.05 * (high - low) or 0.5
-    panel = {"label": labels[0], "log": logarithmic, "range": [low - room, high + room]}
-    return View(labels, {"x": {"label": "night", "range": [-0.3, len(nights) - 0.7], "names": nights,
+    panel = {"label": head, "log": logarithmic, "range": [low - room, high + room]}
+    return View((head, scene), {"x": {"label": "night", "range": [-0.3, len(nights) - 0.7], "names": nights,
                               "short": _short_names(nights), "notes": notes},
                          "series": series, "shades": [],
-                         "modes": [{"name": labels[0], "digits": 6, "panels": [panel]}]}, block)
+                         "modes": [{"name": head, "digits": 6, "panels": [panel]}]}, block)

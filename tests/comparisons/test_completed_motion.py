@@ -10,7 +10,7 @@ from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.scenes import load_scene
 
 pytestmark = pytest.mark.usefixtures("compiled")
-ENERGY = [f"energy of the motion, {label} [J]" for label in ("error", "uncertainty", "exchanged")]
+ENERGY = [f"completed_energy_{what}" for what in ("error", "uncertainty", "exchanged")]
 
 
 def table_of(name, columns, rows=2001, **overrides):

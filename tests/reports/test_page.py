@@ -258,7 +258,7 @@ def test_a_film_plays_in_a_browser(validation, tmp_path, open_page):
 def test_history_draws_each_metric_s_course(history_page, open_page):
     page = open_page(history_page)
     metric, scene = page.locator(".controls select").all()
-    assert metric.locator("option").all_inner_texts() == ["position_error", "time of the run [s]", "pivots [-]"]
+    assert metric.locator("option").all_inner_texts() == ["position error [m]", "time of the run [s]", "pivots [-]"]
     assert scene.locator("option").all_inner_texts() == list(CASES)
 
     def lines() -> dict[str, list]:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from stiction.comparisons.presentation.cells import NULL, cell
 from stiction.comparisons.presentation.table_view import BRIEF_ROWS, Column, view
+from stiction.comparisons.quantities import quantity_of
 from stiction.reports.markdown.study_section import more, table
 from stiction.reports.markdown.tables import aligned
 from stiction.reports.paper import latex
@@ -18,9 +19,9 @@ from stiction.reports.paper.folder import laid_out
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import key_of, resolve
 
-FRAME = pd.DataFrame({"name": ["a", "b|c", ""], "error [m]": [1.2345e-3, -2e-6, np.nan], "unsure [m]": [1e-5, 5e-6, np.nan], "time [s]": [0.25, 1.0, 2.0],
+FRAME = pd.DataFrame({"name": ["a", "b|c", ""], "error [m]": [1.2345e-3, -2e-6, np.nan], "unsure": [1e-5, 5e-6, np.nan], "time [s]": [0.25, 1.0, 2.0],
                       "fine": [True, False, True], "nothing": [None, None, None], "group": ["first", "first", "second"]})
-COLUMNS = (Column("name"), Column("error [m]", "error", "mm", "unsure [m]", scale=1e3), Column("error [m]", "signed error", "m", "unsure [m]", interval=True, brief=False),
+COLUMNS = (Column("name"), Column("error [m]", "error", "mm", "unsure", scale=1e3), Column("error [m]", "signed error", "m", "unsure", interval=True, brief=False),
            Column("time [s]", "time", "ms", form=".0f", scale=1e3), Column("fine"), Column("nothing"), Column("not there"))
 SHOWN = view("made", "Made up.", FRAME, COLUMNS, source="torque", rows=[(1, 2, 3), (5,), (7, 9)], group="group")
 
@@ -94,8 +95,8 @@ def test_keys_that_lead_nowhere_are_refused_in_words(key, message, tmp_path):
 
 
 @pytest.mark.parametrize("column, value, shown", [
-    ("position error [m]", 1.2345e-7, "1.2e-07"), ("F0 with stick [N]", 4.21195632175, "4.211956322"), ("window [s]", 8.0, "8"), ("kind", "stick", "stick"),
-    ("reason", "a | b\nc", "a | b c"), ("bounded", np.True_, "yes"), ("error [N]", float("nan"), "–"), ("paper [N]", None, NULL), ("paper's scheme", None, "–"),
-    ("events missed", 3.0, "3"), ("error [m]", float("inf"), "inf"), ("jump [N m]", -0.123456789, "-0.123457")])
+    ("position_error", 1.2345e-7, "1.2e-07"), ("F0_with_stick", 4.21195632175, "4.211956322"), ("window", 8.0, "8"), ("kind", "stick", "stick"),
+    ("reason", "a | b\nc", "a | b c"), ("bounded", np.True_, "yes"), ("threshold_error", float("nan"), "–"), ("paper_threshold", None, NULL), ("paper's scheme", None, "–"),
+    ("events_missed", 3.0, "3"), ("stop_error", float("inf"), "inf"), ("jump", -0.123456789, "-0.123457")])
 def test_values_as_displayed(column, value, shown):
-    assert cell(column, value) == shown
+    assert cell(quantity_of(column), value) == shown

@@ -61,7 +61,9 @@ def plan(scope: Scope) -> Comparison[Tables]:
             all_truths |= truths
             coefficients = {record.key: coefficients_of(record.variant)[COEFFICIENTS] for record in own}
             table = torque_table(own, truths, efforts[scene.name])
-            jumps.append(table.assign(**{COEFFICIENTS: table["key"].map(coefficients)}))
+            if len(table):
+                table = table.assign(**{COEFFICIENTS: table["key"].map(coefficients)})
+            jumps.append(table)
             windows.append(windows_table(own, truths, efforts[scene.name], time_factor(scene, scope.t_end)))
         known = {truth.scene: truth for truth in all_truths.values() if truth.tier != NO_TRUTH}
         tables = {"torque": pd.concat(jumps, ignore_index=True), WINDOWS: pd.concat(windows, ignore_index=True)}

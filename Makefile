@@ -28,7 +28,7 @@ validate-full: $(SET_UP)
 
 # What a step of every engine costs, the table of their pages; two minutes or so with nothing else running.
 bench-engines: $(SET_UP)
-	$(BIN)/python -m stiction.comparisons.timing.engine_costs
+	$(BIN)/python -m stiction.comparisons.measures.engine_costs
 
 # Rules of the code's form, types and imports, in pyproject.toml; half a minute, a few seconds after the first time.
 # `ruff check --fix` and `isort .` mend most of what they find.

@@ -19,7 +19,7 @@ from pydantic.fields import FieldInfo
 import stiction
 from stiction.cli.app import app
 from stiction.cli.describe import fidelities_of, table_of_defaults
-from stiction.comparisons.campaigns import history
+from stiction.comparisons.regression import history
 from stiction.engines import EngineMissing, load_engine
 from stiction.engines.program.declaration import PLACEHOLDERS
 from stiction.reference_impl import paper

@@ -245,7 +245,7 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
 
 Isolate = Callable[..., list[Outcome]]
 """`isolate`, or something with its parameters that does the same, such as
-`stiction.comparisons.campaigns.checkpoint.KeptRuns.isolate`."""
+`stiction.comparisons.bench.store.KeptRuns.isolate`."""
 
 
 class _Child:

@@ -10,14 +10,15 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.environment import source_digest
-from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
-from stiction.comparisons.truth import NO_TRUTH
-from stiction.comparisons.truth_folder import VERSION, write_sums, write_truth
+from stiction.comparisons.bench.environment import source_digest
+from stiction.comparisons.judge.truth_folder import VERSION, write_sums, write_truth
+from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.reports.markdown.tables import aligned
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
 from stiction.scenes import load_scene
 from stiction.scenes.columns import COLUMNS
+from stiction.truths import NO_TRUTH
+from stiction.truths.truth import OWN_RUN
 
 MAIN = "README.md"
 """The file by which a folder is known as a data set; one of an earlier call is replaced."""

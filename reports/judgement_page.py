@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stiction.comparisons.judgement import Judgement
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.judge.judgement import Judgement
 from stiction.reports.figures.charts import drawn
 from stiction.reports.figures.style import rc, save
 from stiction.reports.markdown.study_section import figure, more, table

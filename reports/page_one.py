@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from stiction.comparisons.methods import MISSING_ENGINE, grouped_methods
-from stiction.comparisons.presentation import TracedText, count, listed, sentence, traced
-from stiction.comparisons.presentation.cells import MISSING
-from stiction.comparisons.recommendation import mechanism_in_words
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.methods import MISSING_ENGINE, grouped_methods
+from stiction.comparisons.bench.presentation import TracedText, count, listed, sentence, traced
+from stiction.comparisons.bench.presentation.cells import MISSING
+from stiction.comparisons.bench.results import Results
 from stiction.reports.markdown.failures import failed_runs
 from stiction.reports.markdown.tables import aligned
+from stiction.reports.recommendation import mechanism_in_words
 from stiction.reports.report import Report
 
 TITLE = "Which solver gets a sticking slider right? (Zhuang & Wang 2014)"

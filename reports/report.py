@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from stiction.comparisons.presentation import Figure, Presentation, TableView, TracedText
-from stiction.comparisons.recommendation import recommendation
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.study import Study, studies
+from stiction.comparisons.bench.presentation import Figure, Presentation, TableView, TracedText
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.study import Study
+from stiction.comparisons.studies import studies
+from stiction.reports.recommendation import recommendation
 
 
 @dataclass(frozen=True)

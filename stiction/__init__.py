@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from stiction.comparisons.judgement import Judgement, judge
+    from stiction.comparisons.judge.judgement import Judgement, judge
     from stiction.engines import (BadTrajectory, Capabilities, Engine, EngineFailure, EngineMissing, Job, Outcome,
                                   Refused, UnknownEngine, engine_names, load_engine, run_isolated)
     from stiction.reference_impl.energies import energies

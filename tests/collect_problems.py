@@ -18,12 +18,12 @@ from fractions import Fraction
 import numpy as np
 from random_mechanisms import extreme_scene
 
-from stiction.comparisons.complementarity.problems import SOLVED, Problem, problem_at, write_problems
-from stiction.comparisons.complementarity.replay import answer, lemke
+from stiction.comparisons.bench.complementarity import proof
+from stiction.comparisons.bench.complementarity.problems import SOLVED, Problem, problem_at, write_problems
+from stiction.comparisons.bench.complementarity.replay import answer, lemke
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.examination import examine
 from stiction.comparisons.hard.table import REFERENCE
-from stiction.comparisons.proof import complementarity as proof
 from stiction.engines import EngineFailure, Refused
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import scene_from_dict

@@ -19,19 +19,19 @@ from report_material import CASE, LOST, T_END, leave_dots, record, timed, valida
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
-from stiction.comparisons.campaigns.participants import extent, variant
+from stiction.comparisons.bench.participants import extent, variant
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.variants import Record, Variant
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.measures import scene_truth
-from stiction.comparisons.results import Results
+from stiction.comparisons.studies import studies
 from stiction.comparisons.studies.effects import toggles
-from stiction.comparisons.studies.stabilization_choices import suppression_variants
-from stiction.comparisons.studies.study import studies
-from stiction.comparisons.truth import slider_bar_truth
-from stiction.comparisons.variants import Record, Variant
+from stiction.comparisons.studies.suppression import suppression_variants
 from stiction.engines import Engine, EngineMissing, Outcome, isolation, load_engine
 from stiction.engines.reference.engine import ReferenceEngine, compile_kernels
 from stiction.reports import report_of, write_report
 from stiction.scenes import load_scene
+from stiction.truths import slider_bar_truth
 
 
 def pytest_sessionstart(session):
@@ -113,9 +113,9 @@ def called_here(tasks, *, on_result=None, **_):
 def isolated_by(function):
     """Tasks are made by this function."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("stiction.engines", "stiction.comparisons.campaigns.nightly", "stiction.comparisons.campaigns.comparison",
-                       "stiction.comparisons.campaigns.executors", "stiction.comparisons.complementarity.replay",
-                       "stiction.comparisons.conformance"):
+        for module in ("stiction.engines", "stiction.comparisons.regression.nightly", "stiction.comparisons.bench.runner",
+                       "stiction.comparisons.bench.executors", "stiction.comparisons.bench.complementarity.replay",
+                       "stiction.comparisons.judge.conformance"):
             patch.setattr(f"{module}.isolate", function)
         yield
 
@@ -158,8 +158,8 @@ def shorten_validation(monkeypatch: pytest.MonkeyPatch, variants: tuple[Variant,
         for name in fewer.keys() & vars(module).keys():
             monkeypatch.setattr(module, name, fewer[name])
     for name, value in {
-            "campaigns.validation.studies": lambda: chosen, "campaigns.validation.variants": lambda *_: variants,
-            "campaigns.validation.extent": lambda depth: extent(depth).model_copy(update={"limit": 600.0}),  # a busy machine may take longer than a user waits
+            "validation.studies": lambda: chosen, "validation.variants": lambda *_: variants,
+            "validation.extent": lambda depth: extent(depth).model_copy(update={"limit": 600.0}),  # a busy machine may take longer than a user waits
             "hard.table.hard_cases": lambda depth: hard_cases(depth)[:2]}.items():
         monkeypatch.setattr(f"stiction.comparisons.{name}", value)
     monkeypatch.setattr("stiction.reports.markdown.validation_report.save_all", leave_dots)

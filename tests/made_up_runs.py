@@ -8,10 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.presentation import Number, Presentation
-from stiction.comparisons.quantities import quantity_of
-from stiction.comparisons.results import Results
-from stiction.comparisons.variants import COEFFICIENTS, EVENTS_BY, FRICTION_BY, Coefficients, Record, Variant
+from stiction.comparisons.bench.presentation import Number, Presentation
+from stiction.comparisons.bench.quantities import quantity_of
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.variants import COEFFICIENTS, EVENTS_BY, FRICTION_BY, Coefficients, Record, Variant
 from stiction.engines import Outcome
 from stiction.scenes import Trajectory
 

@@ -11,13 +11,13 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.variants import COEFFICIENTS, Coefficients, Record, Variant, run_key
 from stiction.comparisons.hard.examination import INEXPRESSIBLE, NOT_INSTALLED
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.torque_jumps import torque_table
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.long_runs import NONE, PAPERS, STEPS, LongRun, drift_study
-from stiction.comparisons.variants import COEFFICIENTS, Coefficients, Record, Variant, run_key
+from stiction.comparisons.studies.long_drift import NONE, PAPERS, STEPS, LongRun, drift_study
 from stiction.engines.isolation import Outcome
 from stiction.reports.figures.style import Drawing, save_all
 from stiction.scenes import Trajectory, load_scene

@@ -23,7 +23,7 @@ negative: unless the guide locks itself (mus b > a). Then l+ - l- = -mus d R, an
 A self-locking guide can jam under stress of its own and has several motions; it is refused. All tolerances are
 absolute, in m, s, kg, rad: for mechanisms of about a metre, a second and a kilogram.
 
-`stiction.comparisons.random_scenes.one_freedom` is another: it goes on to the rest of all guides at once, which is
+`stiction.truths.one_freedom` is another: it goes on to the rest of all guides at once, which is
 redundant here, and has neither several freedoms nor drives nor loads that depend on time.
 """
 
@@ -39,11 +39,11 @@ from random_mechanisms import moderate_scene
 from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq, minimize_scalar
 
-from stiction.comparisons.random_scenes.one_freedom import Instant
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
 from stiction.scenes import Breakdown, Scene, Trajectory, scene_from_dict
 from stiction.scenes.laws import law_kinks
+from stiction.truths.one_freedom import Instant
 
 TOLERANCE = 1e-11
 """Of a step."""

@@ -24,8 +24,8 @@ import pytest
 from conftest import invoke
 
 import stiction
-from stiction.comparisons.campaigns.baseline import DEFAULT
-from stiction.comparisons.campaigns.campaign import load_campaign
+from stiction.comparisons.bench.campaign import load_campaign
+from stiction.comparisons.regression.baseline import DEFAULT
 from stiction.engines import EngineMissing, engine_names, load_engine
 from stiction.engines.fmu.variables import Map
 from stiction.engines.program.declaration import Declaration
@@ -296,8 +296,8 @@ def test_the_page_on_engines_lists_what_is_obligatory():
 
 
 def test_engine_is_held_to_its_baseline(tmp_path, in_this_process, monkeypatch):
-    monkeypatch.setattr("stiction.comparisons.campaigns.measurement.relative_time", lambda call, repeats: (1.0, None))  # no test hangs on a time
-    monkeypatch.setattr("stiction.comparisons.campaigns.nightly.draws_of_night", lambda night, count: [])  # 400 slider-bars, others each time
+    monkeypatch.setattr("stiction.comparisons.regression.measurement.relative_time", lambda call, repeats: (1.0, None))  # no test hangs on a time
+    monkeypatch.setattr("stiction.comparisons.regression.nightly.draws_of_night", lambda night, count: [])  # 400 slider-bars, others each time
     page = "docs/how-to/engine.md"
     for name in ("free_flight.py", "ball.toml"):
         file_in(page, name)

@@ -6,18 +6,18 @@ from conftest import invoke
 
 from stiction import comparisons, reports
 from stiction.cli.exit_codes import BAD_INPUT
-from stiction.comparisons.atomic_files import NotWritten
-from stiction.comparisons.campaigns.baseline import BaselineError, BaselineRefused
-from stiction.comparisons.campaigns.campaign import CampaignError
-from stiction.comparisons.campaigns.checkpoint import KeptRefused
-from stiction.comparisons.campaigns.history import HistoryRefused
+from stiction.comparisons.bench.campaign import CampaignError
+from stiction.comparisons.bench.store import KeptRefused
 from stiction.comparisons.measures.scene_truth import NoOwnRun, ground_truth
-from stiction.comparisons.studies.sweep import SweepRefused
-from stiction.comparisons.timing.older_code import ControlRefused
-from stiction.comparisons.truth import NoMotion, NotThisMechanism, TruthRefused, Undecided
+from stiction.comparisons.regression.baseline import BaselineError, BaselineRefused
+from stiction.comparisons.regression.history import HistoryRefused
+from stiction.comparisons.regression.older_code import ControlRefused
+from stiction.comparisons.sweep.sweep import SweepRefused
 from stiction.engines import BadTrajectory, EngineFailure, EngineMissing, Refused, Task, UnknownEngine, isolate
 from stiction.reports import FolderRefused
 from stiction.scenes import FileError, InputError, SceneError, StictionError, load_scene
+from stiction.scenes.atomic_files import NotWritten
+from stiction.truths import NoMotion, NotThisMechanism, TruthRefused, Undecided
 
 BAD_INPUTS = {FileError, SceneError, CampaignError, BaselineError, UnknownEngine, NotThisMechanism, SweepRefused, ControlRefused}
 FAILURES = {Refused, EngineFailure, BadTrajectory, EngineMissing, TruthRefused, NoMotion, Undecided, NoOwnRun, NotWritten, HistoryRefused,
@@ -64,8 +64,8 @@ def test_bug_in_a_truth_is_no_refusal(monkeypatch):
 
 
 @pytest.mark.parametrize(("place", "arguments"), [
-    ("stiction.scenes.load_scene", ["explain", "pendulum"]), ("stiction.comparisons.studies.study.studies", ["compare", "drift", "pendulum"]),
-    ("stiction.comparisons.campaigns.campaign.load_campaign", ["check"]), ("stiction.comparisons.complementarity.replay.replay", ["replay"])])
+    ("stiction.scenes.load_scene", ["explain", "pendulum"]), ("stiction.comparisons.bench.study.studies", ["compare", "drift", "pendulum"]),
+    ("stiction.comparisons.bench.campaign.load_campaign", ["check"]), ("stiction.comparisons.bench.complementarity.replay.replay", ["replay"])])
 def test_bug_in_a_command(place, arguments, monkeypatch):
     monkeypatch.setattr(place, wrong_shape)
     result = invoke(*arguments, exit_code=None)

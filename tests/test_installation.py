@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiction.comparisons import environment
+from stiction.comparisons.bench import environment
 
 ROOT = Path(__file__).parent.parent
-FOLDERS = ("scenes", "reference_impl", "engines", "comparisons", "reports")
+FOLDERS = ("scenes", "truths", "reference_impl", "engines", "comparisons", "reports")
 """Packages of the installed name; the folder `stiction` is that name itself."""
 
 

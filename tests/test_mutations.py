@@ -46,8 +46,8 @@ def test_an_answer_is_kept_until_the_mutation_is_another(tmp_path):
 @pytest.mark.long
 def test_a_comment_is_not_found():
     """Nothing but the text of a file is other: tests, check and night that find it would find anything."""
-    harmless = Mutation("a comment", "equations", "comparisons/truth/closed_form/pendulum.py", "from __future__", "# nothing\nfrom __future__",
-                        ("tests/comparisons/truth/test_closed_form.py",), night=("pendulum",))
+    harmless = Mutation("a comment", "equations", "truths/closed_form/pendulum.py", "from __future__", "# nothing\nfrom __future__",
+                        ("tests/truths/test_closed_form.py",), night=("pendulum",))
     assert not tried(harmless).is_found
 
 

@@ -7,12 +7,13 @@ from pathlib import Path
 import pytest
 from solver_bugs import BUGS, declared
 
-from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, updated
-from stiction.comparisons.campaigns.measurement import PlannedRun, _run_row
-from stiction.comparisons.campaigns.regression import REGRESSION, findings
-from stiction.comparisons.conformance import OUTPUT_STEP, _attempt, conformance_scenes
-from stiction.comparisons.judgement import judge
-from stiction.comparisons.variants import Variant
+from stiction.comparisons.bench.planned_runs import PlannedRun
+from stiction.comparisons.bench.variants import Variant
+from stiction.comparisons.judge.conformance import OUTPUT_STEP, _attempt, conformance_scenes
+from stiction.comparisons.judge.judgement import judge
+from stiction.comparisons.regression.baseline import FORMAT, Baseline, updated
+from stiction.comparisons.regression.check import REGRESSION, findings
+from stiction.comparisons.regression.measurement import _run_row
 from stiction.engines import EngineFailure, load_engine
 
 PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "program.md"

@@ -11,7 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from stiction.comparisons.depth import Depth
+from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.hard.closed_forms import value
 from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.scenes import Scene, load_scene, scene_from_dict

@@ -20,15 +20,15 @@ from typing import Any
 
 import numpy as np
 
-from stiction.comparisons import truth as truths
+from stiction import truths
 from stiction.comparisons.hard.case import HardCase
 from stiction.comparisons.hard.closed_forms import rod_normal_force, value
 from stiction.comparisons.measures.distances import match_events
-from stiction.comparisons.random_scenes.one_freedom import Instant, Motion, simulate
-from stiction.comparisons.truth import Truth
-from stiction.comparisons.truth.reduced.slider_bar import SliderBar
-from stiction.comparisons.truth.reduced.steady_state import steady_state
 from stiction.scenes import Event, Scene, Trajectory
+from stiction.truths import Truth
+from stiction.truths.one_freedom import Instant, Motion, simulate
+from stiction.truths.reduced.slider_bar import SliderBar
+from stiction.truths.reduced.steady_state import steady_state
 
 Scenes = Sequence[Scene]
 Runs = Sequence[Trajectory]

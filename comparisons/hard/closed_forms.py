@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from stiction.comparisons.truth.closed_form.pendulum import pendulum_angle
-from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.scenes import InputError, Scene
+from stiction.truths.closed_form.pendulum import pendulum_angle
+from stiction.truths.reduced.slider_bar import SliderBar
 
 
 def value(formula: str, scene: Scene, t: np.ndarray | float = 0.0,

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from stiction.comparisons.complementarity.problems import Problem, problems_met
+from stiction.comparisons.bench.complementarity.problems import Problem, problems_met
+from stiction.comparisons.bench.variants import Variant, has_static_coefficient
 from stiction.comparisons.hard import checks
 from stiction.comparisons.hard.case import (CONDITIONS, MOTION_OR_WORD, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase,
                                             Limits, hard_cases)
-from stiction.comparisons.variants import Variant, has_static_coefficient
 from stiction.engines.isolation import Outcome
 from stiction.engines.protocol import UNSETTLED, BadTrajectory, Declined, EngineFailure, Refused
 from stiction.engines.registry import OWN_METHODS, load_engine

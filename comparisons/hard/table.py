@@ -7,13 +7,13 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.campaigns.participants import variants
-from stiction.comparisons.depth import Depth
+from stiction.comparisons.bench.depth import Depth
+from stiction.comparisons.bench.participants import variants
+from stiction.comparisons.bench.runner import Comparison
+from stiction.comparisons.bench.study import Tables
+from stiction.comparisons.bench.variants import OWN_CPU, Variant
 from stiction.comparisons.hard.case import HardCase, hard_cases
 from stiction.comparisons.hard.examination import examine, judge
-from stiction.comparisons.studies.study import Tables
-from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.registry import label_of
 

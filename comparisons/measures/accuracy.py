@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from stiction.comparisons.measures.distances import Graph, l1, match_events, value_at
-from stiction.comparisons.truth import NO_TRUTH, Truth
-from stiction.comparisons.uncertain import Uncertain
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Event, Scene, Trajectory
+from stiction.truths import NO_TRUTH, Truth
+from stiction.uncertain import Uncertain
 
 EVENT_WINDOW = 0.05
 """Seconds within which a found event matches a true one of the same kind; otherwise both count, missed and spurious."""

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiction.comparisons.measures.steady_stretch import Stretch
-from stiction.comparisons.truth import StickThreshold
-from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.scenes import Scene, vary
+from stiction.truths import StickThreshold
+from stiction.truths.reduced.slider_bar import SliderBar
 
 LINE = 1 / 500
 """Part of the range: the width of a line, 0.1 mm, to the height of a printed figure, 50 mm.

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.truth import Truth
 from stiction.engines.examined import POSITIONS, VELOCITIES
 from stiction.reference_impl.energies import energy_columns, needed_columns
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Motion
@@ -21,6 +20,7 @@ from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.reference_impl.multibody.trajectory_columns import corner_columns
 from stiction.scenes import Scene
 from stiction.scenes.column_file import in_parts
+from stiction.truths import Truth
 
 RANK = 1e-9
 """Ratio of the smallest to the largest singular value of the equations of the unknown coordinates below which these are

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.stats import theilslopes
 
-from stiction.comparisons.uncertain import Uncertain
+from stiction.uncertain import Uncertain
 
 LANDING = 0.1
 """Seconds after the start in which a slider settles on its contacts; its displacement until then is no creep."""

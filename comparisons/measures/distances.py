@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from stiction.comparisons.uncertain import Uncertain
 from stiction.scenes import Event
+from stiction.uncertain import Uncertain
 
 
 @dataclass(frozen=True)

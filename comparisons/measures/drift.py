@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from stiction.comparisons.measures.drift_growth import growth
-from stiction.comparisons.uncertain import Uncertain
 from stiction.scenes import Scene, Trajectory
+from stiction.uncertain import Uncertain
 
 ROUNDING = 1e-13
 """Residuals below this, m: rounding of coordinates of some metres (eps * 1 m = 2e-16, summed over some hundred steps'
@@ -27,7 +27,7 @@ def drift(trajectory: Trajectory | None) -> dict[str, Any]:
     Residuals are recomputed from the states by the same constraint equations for every engine
     (`trajectory_columns.residual_norms`); the engine's own formulation may satisfy others better. At contact fidelity
     they contain the penetration and clearance of contacts. Growth over so short a run is often inconclusive;
-    `stiction.comparisons.studies.long_runs` has longer ones.
+    `stiction.comparisons.studies.long_drift` has longer ones.
     """
     row: dict[str, Any] = {"truth_tier": "closed form"}
     if trajectory is None or len(trajectory.t) < 3:

@@ -17,7 +17,6 @@ from enum import Enum
 import numpy as np
 
 from stiction.comparisons.measures.result_errors import CONTINUOUS, TURN
-from stiction.comparisons.truth import Truth
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
@@ -26,6 +25,7 @@ from stiction.scenes.columns import unit_of
 from stiction.scenes.laws import Table
 from stiction.scenes.model import Load
 from stiction.scenes.result_table import ResultTable
+from stiction.truths import Truth
 
 MEDIAN_OF_NORMAL = 0.6745
 """Median of |x| of a normal distribution of deviation 1; of here - (before + behind) / 2 the variance is 1.5."""

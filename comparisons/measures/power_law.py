@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import t as student
 
-from stiction.comparisons.uncertain import Uncertain
+from stiction.uncertain import Uncertain
 
 CONFIDENCE = 0.95
 """Probability of the interval of an exponent."""

@@ -12,11 +12,11 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.measures.accuracy import effort_error, is_known
-from stiction.comparisons.truth import NO_TRUTH, Truth
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.column_file import in_parts
 from stiction.scenes.columns import BODY_COLUMNS, unit_of
 from stiction.scenes.result_table import ResultTable
+from stiction.truths import NO_TRUTH, Truth
 
 CONTINUOUS = (*BODY_COLUMNS[0], *BODY_COLUMNS[1], "displacement", "slip_velocity")
 """Columns without jumps: their largest error counts; of the others, which a jump a step late makes large, the mean."""

@@ -9,19 +9,20 @@ from functools import lru_cache
 
 import numpy as np
 
-from stiction.comparisons.proof.truth import with_proof
-from stiction.comparisons.truth import (NoMotion, NotThisMechanism, Truth, TruthRefused, Undecided, four_bar_truth,
-                                        incline_truth, moving_guide_truth, oscillator_truth, pendulum_truth,
-                                        slider_bar_truth, slider_crank_truth, trammel_truth)
-from stiction.comparisons.variants import Record, has_static_coefficient, physics_of, truth_key
+from stiction.comparisons.bench.variants import Record, has_static_coefficient, truth_key
 from stiction.engines.reference.engine import compile_kernels
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
 from stiction.reference_impl.integration.result import Run
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene, scene_to_toml
+from stiction.truths import (NoMotion, NotThisMechanism, Truth, TruthRefused, Undecided, four_bar_truth, incline_truth,
+                             moving_guide_truth, oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth,
+                             trammel_truth)
+from stiction.truths.physics import physics_of, rubbing_guides
+from stiction.truths.proof.truth import with_proof
+from stiction.truths.truth import OWN_RUN
 
-OWN_RUN = "our own run"
 INDEPENDENT = (slider_bar_truth, oscillator_truth, incline_truth, slider_crank_truth, pendulum_truth, four_bar_truth,
                trammel_truth, moving_guide_truth)
 OWN_RTOL, COARSER_RTOL = 1e-12, 1e-10
@@ -34,7 +35,7 @@ class NoOwnRun(TruthRefused):
 def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """Return the best truth there is for a scene; where a tier has no answer, the next with a note why.
 
-    An independent one if the scene has the structure of one of `stiction.comparisons.truth`, proven where a certificate
+    An independent one if the scene has the structure of one of `stiction.truths`, proven where a certificate
     is of it. Otherwise the reference implementation's own event-driven run at rtol 1e-12 with projection, tier "our own
     run". Its uncertainty is the difference to its run at 1e-10. Where that one ends early too, or the equations have no
     motion or several, the tier is "none": there is nothing to compare with. All tiers have the same events: those of
@@ -94,11 +95,6 @@ def truths_for(scene: Scene, records: Iterable[Record], t_end: float | None = No
         by_physics[has_static_coefficient(record.variant)].append(record)
     return {record.key: truth for alike in by_physics.values() for truth in [truth_for(scene, alike, t_end)]
             for record in alike}
-
-
-def rubbing_guides(scene: Scene) -> frozenset[str]:
-    """Return the guides with friction: the motion changes with their contact modes, whatever tier a truth has."""
-    return frozenset(name for name, guide in scene.frictional_guides.items() if guide.static_coefficient > 0)
 
 
 def _counted(scene: Scene, truth: Truth) -> Truth:

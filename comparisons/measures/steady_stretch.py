@@ -11,11 +11,11 @@ from functools import cached_property
 
 import numpy as np
 
-from stiction.comparisons.truth import Truth
-from stiction.comparisons.truth.reduced.slider_bar import SliderBar
-from stiction.comparisons.truth.reduced.steady_state import steady_state
-from stiction.comparisons.truth.reduced.truth_of_motion import motion_columns, motion_events
 from stiction.scenes import Event, Scene, Trajectory
+from stiction.truths import Truth
+from stiction.truths.reduced.slider_bar import SliderBar
+from stiction.truths.reduced.steady_state import steady_state
+from stiction.truths.reduced.truth_of_motion import motion_columns, motion_events
 
 GUIDE = "guide"
 TURNING = ("slip", "stick", "reversal")

@@ -12,10 +12,10 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t as student
 
+from stiction.comparisons.bench.variants import UNMADE, Record
 from stiction.comparisons.measures.accuracy import has_two_sided_events
-from stiction.comparisons.truth import NO_TRUTH, Truth
-from stiction.comparisons.variants import UNMADE, Record
 from stiction.scenes import Event, Trajectory
+from stiction.truths import NO_TRUTH, Truth
 
 SAMPLES, GAP = (6, 10), 5
 """Samples on either side of a jump through which a parabola is laid: few, to stay within the smooth piece, or more, to

@@ -10,13 +10,13 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, Metric, Row
+from stiction.comparisons.bench.planned_runs import NOT_RUN, RANDOM, Metric, Row
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.random_scenes import random_slider_bars, resting_mechanisms
 from stiction.comparisons.random_scenes.random_study import RandomScenes
-from stiction.comparisons.truth import HIGH_PRECISION
 from stiction.engines.isolation import Task
 from stiction.engines.registry import load_engine
+from stiction.truths import HIGH_PRECISION
 
 STUDIES: Mapping[str, RandomScenes] = {"slider-bars": random_slider_bars.STUDY, "mechanisms": resting_mechanisms.STUDY}
 """By the words of a report."""

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from stiction.comparisons.random_scenes.random_study import RandomScenes, SceneOutcome, event_differences
-from stiction.comparisons.truth import NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, load_scene, vary
+from stiction.truths import NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
 
 T_END = 24.0
 """Seconds."""

@@ -15,8 +15,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from stiction.comparisons.random_scenes.one_freedom import (LONGEST_STEP, TOLERANCE, Motion, NoClearMotion, OneFreedom,
-                                                            simulate)
 from stiction.comparisons.random_scenes.random_study import RandomScenes, SceneOutcome, event_differences
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_from_dict
@@ -24,6 +22,7 @@ from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute
 from stiction.scenes.trajectory import stacked
+from stiction.truths.one_freedom import LONGEST_STEP, TOLERANCE, Motion, NoClearMotion, OneFreedom, simulate
 
 T = TypeVar("T")
 

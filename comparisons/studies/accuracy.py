@@ -10,23 +10,23 @@ from itertools import chain
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison, records_comparison, side_by_side
-from stiction.comparisons.campaigns.participants import variants
+from stiction.comparisons.bench.methods import (Method, called, case_of, drawn_runs, grouped_methods, groups, known_of,
+                                                made_methods, methods, same_work, title_of, with_columns)
+from stiction.comparisons.bench.participants import variants
+from stiction.comparisons.bench.presentation import (LIMIT, Axis, Chart, Column, Headline, Number, Panel, Presentation,
+                                                     Series, TableView, TracedText, count, joined, length, listed,
+                                                     sentence, traced, value, view)
+from stiction.comparisons.bench.presentation.cells import setting_of
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.runner import Comparison, records_comparison, side_by_side
+from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.variants import EVENTS_BY, FRICTION_BY, UNMADE, Record, coefficients_of, scaled
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, KINDS, TORQUE_ERROR, errors, missed, size_of
 from stiction.comparisons.measures.scene_truth import truth_for
-from stiction.comparisons.methods import (Method, called, case_of, drawn_runs, grouped_methods, groups, known_of,
-                                          made_methods, methods, same_work, title_of, with_columns)
-from stiction.comparisons.presentation import (LIMIT, Axis, Chart, Column, Headline, Number, Panel, Presentation,
-                                               Series, TableView, TracedText, count, joined, length, listed, sentence,
-                                               traced, value, view)
-from stiction.comparisons.presentation.cells import setting_of
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.study import Scope, Study, Tables
-from stiction.comparisons.truth import NO_TRUTH, Truth
-from stiction.comparisons.truth.truth import SAMPLES
-from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, UNMADE, Record, coefficients_of, scaled
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Trajectory
+from stiction.truths import NO_TRUTH, Truth
+from stiction.truths.truth import SAMPLES
 
 POSITION, UNCERTAINTY = "position_error", "position_uncertainty"
 FOUND, MISSED, SPURIOUS = "events_matched", "events_missed", "events_spurious"

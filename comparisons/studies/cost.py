@@ -8,25 +8,25 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison, side_by_side
-from stiction.comparisons.campaigns.participants import REFERENCE, cost_variants, extent, variants
-from stiction.comparisons.methods import (MISSING_ENGINE, called, case_of, groups, known_of, methods, succeeded,
-                                          with_columns)
-from stiction.comparisons.presentation import (LIMIT, Axis, Chart, Column, Headline, Number, Part, Presentation, Series,
-                                               TableView, TracedText, count, listed, scaled_value, sentence, traced,
-                                               value, view)
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.methods import (MISSING_ENGINE, called, case_of, groups, known_of, methods, succeeded,
+                                                with_columns)
+from stiction.comparisons.bench.participants import REFERENCE, cost_variants, extent, variants
+from stiction.comparisons.bench.presentation import (LIMIT, Axis, Chart, Column, Headline, Number, Part, Presentation,
+                                                     Series, TableView, TracedText, count, listed, scaled_value,
+                                                     sentence, traced, value, view)
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.runner import Comparison, side_by_side
+from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.timing.timed_runs import OTHERS
+from stiction.comparisons.bench.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Variant, scaled
+from stiction.comparisons.measures.equal_error import (COLUMNS, FAILED, FALLS, INTEGRATION, QUANTITIES, SCENES,
+                                                       SMALLEST, equal_error)
+from stiction.comparisons.measures.work_precision import ORDER, TIMING, TOTAL, Timed, work_precision
 from stiction.comparisons.studies.accuracy import chart_by_case
-from stiction.comparisons.studies.equal_error import (COLUMNS, FAILED, FALLS, INTEGRATION, QUANTITIES, SCENES, SMALLEST,
-                                                      equal_error)
-from stiction.comparisons.studies.study import Scope, Study, Tables
-from stiction.comparisons.studies.work_precision import ORDER, TIMING, TOTAL, Timed, work_precision
-from stiction.comparisons.timing.timed_runs import OTHERS
-from stiction.comparisons.uncertain import bounded
-from stiction.comparisons.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Variant, scaled
 from stiction.engines.protocol import Supplier
 from stiction.engines.registry import OWN_METHODS
 from stiction.scenes import Scene, load_scene
+from stiction.uncertain import bounded
 
 PAPER, SET_UP, COMPILATION = "paper's scheme", "setup_time", "compile_time"
 ERROR, UNCERTAINTY = QUANTITIES[0].error, QUANTITIES[0].uncertainty

@@ -16,20 +16,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.campaigns.participants import extent
-from stiction.comparisons.campaigns.participants import variants as all_variants
+from stiction.comparisons.bench.methods import MISSING_ENGINE, called
+from stiction.comparisons.bench.participants import extent
+from stiction.comparisons.bench.participants import variants as all_variants
+from stiction.comparisons.bench.presentation import (Column, Number, Presentation, TracedText, listed, sentence, short,
+                                                     traced, value, view, within)
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.runner import Comparison
+from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.timing.intervals import ratio_interval
+from stiction.comparisons.bench.timing.visits import Timing
+from stiction.comparisons.bench.variants import Record, Variant, scaled
 from stiction.comparisons.measures.accuracy import graph, is_known
 from stiction.comparisons.measures.distances import l1
-from stiction.comparisons.methods import MISSING_ENGINE, called
-from stiction.comparisons.presentation import (Column, Number, Presentation, TracedText, listed, sentence, short,
-                                               traced, value, view, within)
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.study import Scope, Study, Tables
-from stiction.comparisons.studies.work_precision import TOTAL, Timed, TimedRun, cost_of, timed_comparison
-from stiction.comparisons.timing.intervals import ratio_interval
-from stiction.comparisons.timing.visits import Timing
-from stiction.comparisons.variants import Record, Variant, scaled
+from stiction.comparisons.measures.work_precision import TOTAL, Timed, TimedRun, cost_of, timed_comparison
 from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.model import Baumgarte
@@ -114,7 +114,7 @@ def effects_variants(engines: Sequence[str] = ()) -> tuple[Variant, ...]:
 
 def effects_comparison(scene: Scene, variants: Sequence[Variant] = (REFERENCE,), *, t_end: float | None = None,
                        repeats: int = 5) -> Comparison[Timed]:
-    """One row per variant and effect; arguments as of `stiction.comparisons.studies.work_precision.work_precision`.
+    """One row per variant and effect; arguments as of `stiction.comparisons.measures.work_precision.work_precision`.
 
     Engine times are medians; their ratio to the baseline's has an interval, from the ratios of each round. Differences
     are the largest over all bodies and the output instants that both runs have; that of the effort is the mean of

@@ -16,34 +16,34 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.campaigns.participants import REFERENCE, variants
+from stiction.comparisons.bench.methods import at_equal_step, called, rank, succeeded, with_columns
+from stiction.comparisons.bench.participants import REFERENCE, variants
+from stiction.comparisons.bench.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Number, Panel,
+                                                     Presentation, Series, TableView, TracedText, count, interval,
+                                                     joined, listed, sentence, traced, value, view)
+from stiction.comparisons.bench.presentation.cells import AGAIN
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.runner import Comparison
+from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.timing.intervals import ratio_interval
+from stiction.comparisons.bench.timing.visits import visit
+from stiction.comparisons.bench.variants import (COEFFICIENTS, FRICTION_BY, OWN_CPU, UNMADE, Coefficients, Record,
+                                                 Variant, has_static_coefficient, run_command, truth_key)
 from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
 from stiction.comparisons.measures.drift import ROUNDING
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.measures.published_creep import CREEP as OURS
 from stiction.comparisons.measures.published_creep import ENGINE, MATCHED, PUBLISHED, UNCERTAINTY, published_creep
 from stiction.comparisons.measures.scene_truth import ground_truth
-from stiction.comparisons.methods import at_equal_step, called, rank, succeeded, with_columns
-from stiction.comparisons.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Number, Panel,
-                                               Presentation, Series, TableView, TracedText, count, interval, joined,
-                                               listed, sentence, traced, value, view)
-from stiction.comparisons.presentation.cells import AGAIN
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT
 from stiction.comparisons.studies.hold_data import FORMS, load_data
-from stiction.comparisons.studies.study import Scope, Study, Tables
-from stiction.comparisons.timing.intervals import ratio_interval
-from stiction.comparisons.timing.visits import visit
-from stiction.comparisons.truth import NO_TRUTH
-from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import (COEFFICIENTS, FRICTION_BY, OWN_CPU, UNMADE, Coefficients, Record, Variant,
-                                           has_static_coefficient, run_command, truth_key)
+from stiction.comparisons.studies.settings import DEFAULT, SETTING, SUBJECT
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import FIDELITIES, EngineFailure
 from stiction.engines.registry import OWN_METHODS, load_engine
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
 from stiction.scenes.wording import as_given
+from stiction.truths import NO_TRUTH
+from stiction.uncertain import Uncertain
 
 PARAMETERS = ("part", "ramp", "v0", "limit", "mu", "mus")
 """Parameters of a scene of the study: the load is part + ramp t of the limit, and v0 the slider's speed along it."""

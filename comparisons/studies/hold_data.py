@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stiction.comparisons.depth import Depth
-from stiction.comparisons.studies.engine_settings import Subject
+from stiction.comparisons.bench.depth import Depth
+from stiction.comparisons.studies.settings import Subject
 from stiction.scenes.fields import Model, Positive
 
 FORMS: Mapping[str, Callable[[Any, Any], Any]] = {

@@ -7,15 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.bench.methods import case_of, run_label, title_of
+from stiction.comparisons.bench.presentation import Axis, Chart, MechanismPicture, Panel, Presentation, Series
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.study import Study
+from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.measures.steady_stretch import stick_intervals
-from stiction.comparisons.methods import case_of, run_label, title_of
-from stiction.comparisons.presentation import Axis, Chart, MechanismPicture, Panel, Presentation, Series
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.study import Study
-from stiction.comparisons.truth import Truth
-from stiction.comparisons.variants import Record
 from stiction.scenes import catalogue, load_scene
 from stiction.scenes.pictures.mechanism import parameters_in_words
+from stiction.truths import Truth
 
 TIME = "$t$ [s]"
 SAMPLES = 2401

@@ -1,4 +1,4 @@
-"""Drawing figures that are data: one function for each kind of `stiction.comparisons.presentation.charts`."""
+"""Drawing figures that are data: one function for each kind of `stiction.comparisons.bench.presentation.charts`."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
-from stiction.comparisons.presentation import (BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap,
-                                               MechanismPicture, Panel)
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.presentation import (BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap,
+                                                     MechanismPicture, Panel)
+from stiction.comparisons.bench.results import Results
 from stiction.reports.figures.style import (COLORS, LEGEND_ROWS, SHADE, TALLEST, TRUTH_COLOR, Drawing, Look, legend,
                                             letter, looks_of, narrow, panels, tick_at, variants_of, width)
 from stiction.scenes import load_scene

@@ -8,9 +8,9 @@ import matplotlib
 import pandas as pd
 from matplotlib import patheffects
 
-from stiction.comparisons.quantities import Quantity, quantity_of
-from stiction.comparisons.studies.stick_threshold import AMPLITUDE
-from stiction.comparisons.studies.sweep import THRESHOLD_COLUMN, Sweep
+from stiction.comparisons.bench.quantities import Quantity, quantity_of
+from stiction.comparisons.studies.threshold import AMPLITUDE
+from stiction.comparisons.sweep.sweep import THRESHOLD_COLUMN, Sweep
 from stiction.reports.figures.style import COLORS, Drawing, panels
 from stiction.scenes import Scene
 

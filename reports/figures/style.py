@@ -21,9 +21,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from stiction.child_processes import child_context
-from stiction.comparisons.atomic_files import whole_file
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.results import Results
 from stiction.scenes import InputError
+from stiction.scenes.atomic_files import whole_file
 from stiction.scenes.pictures.picture import RC, Picture, fit_labels, write_figure
 
 COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}

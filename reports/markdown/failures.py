@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.methods import MISSING_ENGINE, succeeded
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.methods import MISSING_ENGINE, succeeded
+from stiction.comparisons.bench.results import Results
 from stiction.reports.run_folder.data import tables_of
 
 ROWS_OF = {"choice": "variant", "method": "variant", "claim": "variant", "mean_step": "step"}

@@ -11,16 +11,16 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.atomic_files import make_folder, write_text
-from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, Row
-from stiction.comparisons.campaigns.nightly import Result
-from stiction.comparisons.campaigns.regression import (BETTER, COULD_NOT_RUN, FINE, NEW, NOT_JUDGED, NOTHING,
-                                                       REGRESSION, Finding)
-from stiction.comparisons.methods import MISSING_ENGINE
-from stiction.comparisons.presentation.cells import cell
-from stiction.comparisons.quantities import quantity_of
+from stiction.comparisons.bench.methods import MISSING_ENGINE
+from stiction.comparisons.bench.planned_runs import NOT_RUN, RANDOM, Row
+from stiction.comparisons.bench.presentation.cells import cell
+from stiction.comparisons.bench.quantities import quantity_of
+from stiction.comparisons.regression.check import (BETTER, COULD_NOT_RUN, FINE, NEW, NOT_JUDGED, NOTHING, REGRESSION,
+                                                   Finding)
+from stiction.comparisons.regression.nightly import Result
 from stiction.reports.markdown.failures import grouped
 from stiction.reports.markdown.tables import markdown
+from stiction.scenes.atomic_files import make_folder, write_text
 
 REPORT, SUMMARY = "report.md", "summary.json"
 SHOWN = 40

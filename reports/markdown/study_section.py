@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from stiction.comparisons.presentation.presentation import Presentation
-from stiction.comparisons.presentation.table_view import BRIEF_ROWS, TableView
-from stiction.comparisons.studies.study import Study
+from stiction.comparisons.bench.presentation.presentation import Presentation
+from stiction.comparisons.bench.presentation.table_view import BRIEF_ROWS, TableView
+from stiction.comparisons.bench.study import Study
 from stiction.reports.figures.style import Drawing
 from stiction.reports.markdown.tables import aligned
 

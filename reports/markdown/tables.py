@@ -8,8 +8,8 @@ from itertools import product
 
 import pandas as pd
 
-from stiction.comparisons.presentation.cells import cell, is_numeric, with_uncertainty
-from stiction.comparisons.quantities import quantity_of
+from stiction.comparisons.bench.presentation.cells import cell, is_numeric, with_uncertainty
+from stiction.comparisons.bench.quantities import quantity_of
 
 ROWS, WIDTH = 10, 100
 """Rows of a table that is made to fit, and characters of its lines, at most."""

@@ -8,12 +8,9 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.measures.scene_truth import OWN_RUN
-from stiction.comparisons.methods import stored_keys
-from stiction.comparisons.presentation import MechanismPicture
-from stiction.comparisons.presentation.cells import MISSING, NULL
-from stiction.comparisons.truth import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED
-from stiction.comparisons.uncertain import rounded_up
+from stiction.comparisons.bench.methods import stored_keys
+from stiction.comparisons.bench.presentation import MechanismPicture
+from stiction.comparisons.bench.presentation.cells import MISSING, NULL
 from stiction.reports.figures.charts import drawn
 from stiction.reports.figures.style import Drawing, rc, save_all
 from stiction.reports.markdown.failures import failed_runs, grouped
@@ -26,6 +23,9 @@ from stiction.reports.run_folder.data_package import write_data_package
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
 from stiction.reports.run_folder.provenance import commit_in_words, provenance
 from stiction.reports.run_folder.reproduce import FOLDER, write_reproduce
+from stiction.truths import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED
+from stiction.truths.truth import OWN_RUN
+from stiction.uncertain import rounded_up
 
 REPORT, FAILURES = "report.md", "failures.md"
 

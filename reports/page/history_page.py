@@ -14,15 +14,15 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.atomic_files import write_text
-from stiction.comparisons.campaigns.history import History, open_history
-from stiction.comparisons.campaigns.night_changes import environment_changes
-from stiction.comparisons.campaigns.regression import BETTER, COULD_NOT_RUN, REGRESSION
-from stiction.comparisons.methods import MISSING_ENGINE
-from stiction.comparisons.presentation.cells import setting_of
-from stiction.comparisons.quantities import quantity_of
+from stiction.comparisons.bench.methods import MISSING_ENGINE
+from stiction.comparisons.bench.presentation.cells import setting_of
+from stiction.comparisons.bench.quantities import quantity_of
+from stiction.comparisons.regression.check import BETTER, COULD_NOT_RUN, REGRESSION
+from stiction.comparisons.regression.history import History, open_history
+from stiction.comparisons.regression.night_changes import environment_changes
 from stiction.reports.markdown.regression_report import REPORT, SUMMARY
 from stiction.reports.page.document import View, chart, document, items, link, paragraph, table
+from stiction.scenes.atomic_files import write_text
 from stiction.scenes.pictures.picture import CYCLE
 from stiction.scenes.pictures.web import LONG, Columns
 

@@ -7,17 +7,17 @@ from collections.abc import Iterator
 from html import escape
 from pathlib import Path
 
-from stiction.comparisons.atomic_files import write_text
-from stiction.comparisons.presentation import TableView
-from stiction.comparisons.recommendation import mechanism_in_words
+from stiction.comparisons.bench.presentation import TableView
 from stiction.reports.page.document import chart, details, document, items, paragraph, table
 from stiction.reports.page.time_series import time_series
 from stiction.reports.page_one import HOW_TO_READ, TITLE, bullets, headline_table, not_installed
+from stiction.reports.recommendation import mechanism_in_words
 from stiction.reports.report import Report, report_of
 from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import keys, resolve
 from stiction.scenes import InputError
+from stiction.scenes.atomic_files import write_text
 from stiction.scenes.pictures.web import compressed
 
 HINT = ("The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard "

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.methods import one_per_variant, run_label
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.methods import one_per_variant, run_label
+from stiction.comparisons.bench.results import Results
 from stiction.comparisons.studies.paper_figures import stick_phases
-from stiction.comparisons.truth import Truth
 from stiction.reports.figures.style import Look, looks_of, variants_of
 from stiction.reports.page.document import View
 from stiction.reports.run_folder.data import truth_frame
@@ -22,6 +21,7 @@ from stiction.scenes.columns import unit_of
 from stiction.scenes.pictures.geometry import poses_at, view_of
 from stiction.scenes.pictures.web import (LONG, Columns, force_columns, largest_force, load_signs, mechanism,
                                           pose_columns)
+from stiction.truths import Truth
 
 SAMPLE = 0.02
 """s; samples shown, besides both sides of every event and what lines between them would leave out."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.presentation import Presentation, TableView, TracedText
+from stiction.comparisons.bench.presentation import Presentation, TableView, TracedText
 from stiction.reports.figures.charts import drawn, in_one_column
 from stiction.reports.figures.style import rc, save_all
 from stiction.reports.page_one import TITLE, bullets

@@ -7,10 +7,10 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.results import Results
-from stiction.comparisons.truth import PROVEN
+from stiction.comparisons.bench.results import Results
 from stiction.reports.markdown.failures import failed_runs
 from stiction.reports.run_folder.stored_run import StoredRun
+from stiction.truths import PROVEN
 
 CITED = {"exudyn": "@exudyn; @chung1993; @arnold2007", "pymunk": "@pymunk", "pybullet": "@pybullet",
          "mujoco": "@mujoco", "moreau": "@moreau1988; @flores2010", "stiction": "@stiction", "numpy": "@numpy",

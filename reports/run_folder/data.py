@@ -18,19 +18,19 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from stiction.comparisons.complementarity.problems import write_problems
-from stiction.comparisons.presentation.cells import AGAIN, TRAJECTORY
-from stiction.comparisons.quantities import Quantity
-from stiction.comparisons.results import Results
-from stiction.comparisons.truth import Truth
-from stiction.comparisons.truth.truth import SAMPLES
-from stiction.comparisons.variants import Record
+from stiction.comparisons.bench.complementarity.problems import write_problems
+from stiction.comparisons.bench.presentation.cells import AGAIN, TRAJECTORY
+from stiction.comparisons.bench.quantities import Quantity
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.variants import Record
 from stiction.engines.registry import label_of
 from stiction.reports.run_folder.data_package import columns_of_motion, columns_of_table, metadata
 from stiction.reports.run_folder.reproduce import again
 from stiction.scenes import Trajectory, catalogue, load_scene
 from stiction.scenes.motion_table import with_sides
 from stiction.scenes.trajectory import events_frame
+from stiction.truths import Truth
+from stiction.truths.truth import SAMPLES
 
 TRUTH = "truth/"
 """Begins the key of a truth, before its name, in ``events.parquet``."""

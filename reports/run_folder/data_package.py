@@ -17,8 +17,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from stiction.comparisons.atomic_files import write_text
-from stiction.comparisons.quantities import QUANTITIES, Quantity, quantity_of
+from stiction.comparisons.bench.quantities import QUANTITIES, Quantity, quantity_of
+from stiction.scenes.atomic_files import write_text
 from stiction.scenes.columns import meaning_of, unit_of
 
 DATA_PACKAGE = "datapackage.json"

@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from stiction.comparisons.atomic_files import NotWritten, partial_name
 from stiction.scenes import StictionError
+from stiction.scenes.atomic_files import NotWritten, partial_name
 
 PROVENANCE = "provenance.json"
 """The file that makes a folder a run folder; lists its files under ``"files"``."""

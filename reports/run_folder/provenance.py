@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from stiction.comparisons.environment import commit, machine, source_digest, versions
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.environment import commit, machine, source_digest, versions
+from stiction.comparisons.bench.results import Results
 from stiction.reports.run_folder.reproduce import command
 
 CHOICES = {

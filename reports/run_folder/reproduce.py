@@ -8,11 +8,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from stiction.comparisons.environment import requirements
-from stiction.comparisons.results import Results
-from stiction.comparisons.variants import Record, has_static_coefficient, job, physics_of, run_command, run_key
+from stiction.comparisons.bench.environment import requirements
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.variants import Record, has_static_coefficient, job, run_command, run_key
 from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml
 from stiction.scenes.wording import as_given
+from stiction.truths.physics import physics_of
 
 FOLDER = "reproduce"
 OPTIONS = ("t_end", "dt", "rtol", "output_step", "fidelity")

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.presentation.cells import TRAJECTORY
-from stiction.comparisons.results import Results
-from stiction.comparisons.truth import Truth
-from stiction.comparisons.variants import OWN_CPU, Record, Variant
+from stiction.comparisons.bench.presentation.cells import TRAJECTORY
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.variants import OWN_CPU, Record, Variant
 from stiction.engines.isolation import Outcome
 from stiction.reports.run_folder.data import TRUTH, truth_file
 from stiction.reports.run_folder.overwriting import PROVENANCE
 from stiction.scenes import Cost, Event, InputError, Trajectory
 from stiction.scenes.trajectory import events_of
+from stiction.truths import Truth
 
 ABOUT_RUNS = ("runs", "variants", "parameters", "truths")
 """Tables of a run folder that are not of the comparisons."""

@@ -16,8 +16,8 @@ from itertools import count, groupby
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.presentation import TableView
-from stiction.comparisons.presentation.cells import TRAJECTORY
+from stiction.comparisons.bench.presentation import TableView
+from stiction.comparisons.bench.presentation.cells import TRAJECTORY
 from stiction.reports.run_folder.data import truth_file
 from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun

@@ -20,12 +20,12 @@ from stiction.cli.options import (BaselineFile, CampaignFile, Engines, ExecutorN
 from stiction.cli.render import or_shown, progress, show_summary
 
 if TYPE_CHECKING:
-    from stiction.comparisons.campaigns.baseline import Baseline
-    from stiction.comparisons.campaigns.campaign import Campaign
-    from stiction.comparisons.campaigns.checkpoint import KeptRuns
-    from stiction.comparisons.campaigns.measurement import Row
-    from stiction.comparisons.campaigns.nightly import Result
-    from stiction.comparisons.results import Results
+    from stiction.comparisons.bench.campaign import Campaign
+    from stiction.comparisons.bench.planned_runs import Row
+    from stiction.comparisons.bench.results import Results
+    from stiction.comparisons.bench.store import KeptRuns
+    from stiction.comparisons.regression.baseline import Baseline
+    from stiction.comparisons.regression.nightly import Result
 
 KEPT_RUNS_BYTES = 200e6
 """Free bytes below which `validate` says what it needs: twice what it takes with --quick and one engine, and more."""
@@ -39,10 +39,10 @@ def validate(quick: Quick = False, full: Full = False, engines: Engines = [], wo
              out: Annotated[Path | None, typer.Option(
                  metavar="DIR", help="Folder of the report; runs/<date-time> if not given.")] = None) -> None:
     """Compare reference and engines with the truth on the paper's three cases, and write a report."""
-    from stiction.comparisons.campaigns.checkpoint import kept_runs
-    from stiction.comparisons.campaigns.executors import open_isolate
-    from stiction.comparisons.campaigns.validation import validate as run_campaign
-    from stiction.comparisons.depth import Depth
+    from stiction.comparisons.bench.depth import Depth
+    from stiction.comparisons.bench.executors import open_isolate
+    from stiction.comparisons.bench.store import kept_runs
+    from stiction.comparisons.validation import validate as run_campaign
     from stiction.engines import engine_names
     from stiction.reports import REPORT, check_folder, report_of, write_report
 
@@ -122,9 +122,9 @@ def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine
             out: Annotated[Path, typer.Option(
                 metavar="DIR", help="Folder of history.sqlite and of a folder per night.")] = Path("nightly")) -> None:
     """Run a campaign, or the rest of an interrupted night, add it to the history, and report what changed."""
-    from stiction.comparisons.campaigns.executors import open_isolate
-    from stiction.comparisons.campaigns.history import HistoryRefused
-    from stiction.comparisons.campaigns.nightly import run_night
+    from stiction.comparisons.bench.executors import open_isolate
+    from stiction.comparisons.regression.history import HistoryRefused
+    from stiction.comparisons.regression.nightly import run_night
     from stiction.reports.markdown.regression_report import write_night
 
     def publish(result: Result) -> None:
@@ -156,9 +156,9 @@ def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: 
               metavar="DIR", help="Checkout of the code before (git worktree add DIR main): runs are timed in turns "
               "with it. Without it no verdict rests on time.")] = None) -> None:
     """Run the fast part of a campaign and print what changed beyond noise, worst first, as Markdown."""
-    from stiction.comparisons.campaigns.history import HistoryRefused
-    from stiction.comparisons.campaigns.nightly import HISTORY, run_check
-    from stiction.comparisons.timing.older_code import ControlRefused
+    from stiction.comparisons.regression.history import HistoryRefused
+    from stiction.comparisons.regression.nightly import HISTORY, run_check
+    from stiction.comparisons.regression.older_code import ControlRefused
 
     usual = Path("nightly") / HISTORY
     chosen, expected = _campaign(campaign, engine, scenes), _held_to(campaign, baseline)
@@ -188,10 +188,10 @@ def baseline_update(
     Each run is then made again in five ways that change nothing but rounding; what that moves beyond its tolerance
     is not judged.
     """
-    from stiction.comparisons.campaigns import baseline as files
-    from stiction.comparisons.campaigns.history import open_history
-    from stiction.comparisons.campaigns.nightly import measured_rounding, run_check
-    from stiction.comparisons.environment import origin
+    from stiction.comparisons.bench.environment import origin
+    from stiction.comparisons.regression import baseline as files
+    from stiction.comparisons.regression.history import open_history
+    from stiction.comparisons.regression.nightly import measured_rounding, run_check
 
     if whole and night is not None:
         raise typer.BadParameter("found both; expected one of them, or neither", param_hint="--whole, --night")
@@ -225,7 +225,7 @@ def baseline_update(
 
 
 def _campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> Campaign:
-    from stiction.comparisons.campaigns.campaign import load_campaign
+    from stiction.comparisons.bench.campaign import load_campaign
     from stiction.engines import EngineMissing
 
     found = load_campaign(path, listed(scenes))
@@ -237,8 +237,8 @@ def _campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> C
 
 def _held_to(campaign: Path | None, baseline: str | None) -> Baseline:
     """Return the baseline of a night or check; that of the suite is of its own campaign alone, unless it is named."""
-    from stiction.comparisons.campaigns import baseline as files
-    from stiction.comparisons.campaigns.campaign import DEFAULT
+    from stiction.comparisons.bench.campaign import DEFAULT
+    from stiction.comparisons.regression import baseline as files
 
     if baseline is None and campaign is not None and campaign.resolve() != DEFAULT.resolve():
         return files.Baseline(format=files.FORMAT)
@@ -254,7 +254,7 @@ def _conclude(result: Result) -> None:
 
 
 def _exit_code(verdict: str) -> int:
-    from stiction.comparisons.campaigns import regression
+    from stiction.comparisons.regression import check
 
-    return {regression.FINE: FINE, regression.REGRESSION: REGRESSED, regression.COULD_NOT_RUN: COULD_NOT_RUN,
-            regression.NOTHING: NOT_COMPARED}[verdict]
+    return {check.FINE: FINE, check.REGRESSION: REGRESSED, check.COULD_NOT_RUN: COULD_NOT_RUN,
+            check.NOTHING: NOT_COMPARED}[verdict]

@@ -17,9 +17,9 @@ from stiction.cli.render import or_shown, progress, show, show_truths, write_tab
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stiction.comparisons.presentation import Presentation
-    from stiction.comparisons.results import Results
-    from stiction.comparisons.studies.study import Scope, Study
+    from stiction.comparisons.bench.presentation import Presentation
+    from stiction.comparisons.bench.results import Results
+    from stiction.comparisons.bench.study import Scope, Study
     from stiction.scenes import Scene
 
 Repeats = Annotated[int | None, typer.Option(
@@ -58,7 +58,7 @@ def _group() -> None:
 
 
 def _compared() -> dict[str, Study]:
-    from stiction.comparisons.studies.study import studies
+    from stiction.comparisons.studies import studies
 
     return {study.name: study for study in studies() if study.compared}
 
@@ -68,8 +68,8 @@ def _command(study: Study) -> Callable[..., None]:
                 quick: Quick = False, repeats: Repeats = None, drive: Drive = None, workers: Workers = None,
                 timeout: Timeout = 240, assemble: Assemble = False, executor: ExecutorName = "processes",
                 out: TableFile = None, plot: Plot = None, problems: Problems = None) -> None:
-        from stiction.comparisons.depth import Depth
-        from stiction.comparisons.studies.study import Scope
+        from stiction.comparisons.bench.depth import Depth
+        from stiction.comparisons.bench.study import Scope
 
         given: dict[str, Any] = {"engines": tuple(engines) or None, "t_end": t_end, "repeats": repeats}
         options = {name: value for name, value in {"drive": drive, "problems": problems}.items() if value is not None}
@@ -106,9 +106,9 @@ def _subject(study: Study, scenes: Sequence[str], overrides: Sequence[str], asse
 
 
 def _made(study: Study, scope: Scope, workers: int | None, timeout: float, executor: str) -> Results:
-    from stiction.comparisons.campaigns.comparison import make
-    from stiction.comparisons.campaigns.executors import open_isolate
-    from stiction.comparisons.studies.study import planned, union
+    from stiction.comparisons.bench.executors import open_isolate
+    from stiction.comparisons.bench.runner import make
+    from stiction.comparisons.bench.study import planned, union
     from stiction.engines import isolate
 
     about = ", ".join(scene.name for scene in scope.scenes) if scope.scenes else study.title
@@ -120,7 +120,7 @@ def _made(study: Study, scope: Scope, workers: int | None, timeout: float, execu
 
 def _show(study: Study, results: Results, out: Path | None, plot: Path | None, problems: Path | None) -> None:
     """Print answer, findings and tables, write what was asked for, and fail where no run succeeded."""
-    from stiction.comparisons.complementarity.problems import write_problems
+    from stiction.comparisons.bench.complementarity.problems import write_problems
     from stiction.reports.run_folder.data import storable
 
     table, said = results.table(study.name), study.presented(results)
@@ -131,9 +131,9 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
     if out is None and len(table):
         print("\nEvery row with its numbers and reasons: --out FILE.csv")
     if plot is not None and (said.figures or len(table)):
-        from stiction.comparisons.atomic_files import whole_file
         from stiction.reports.figures.charts import drawn
         from stiction.reports.figures.style import rc
+        from stiction.scenes.atomic_files import whole_file
         from stiction.scenes.pictures.picture import write_figure
 
         if not said.figures:
@@ -150,7 +150,7 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
 
 
 def _print(said: Presentation, results: Results, table: pd.DataFrame) -> None:
-    from stiction.comparisons.methods import MISSING_ENGINE, succeeded
+    from stiction.comparisons.bench.methods import MISSING_ENGINE, succeeded
 
     for part in (said.answer, *said.findings):
         if part:

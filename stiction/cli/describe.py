@@ -112,7 +112,7 @@ def export(scene: SceneName, overrides: Overrides = [],
 
 
 def _try(name: str, timeout: float) -> None:
-    from stiction.comparisons.conformance import conformance
+    from stiction.comparisons.judge.conformance import conformance
 
     announce(f"{name}: five scenes, up to {timeout:g} s each")
     for trial in conformance(name, timeout):
@@ -122,7 +122,7 @@ def _try(name: str, timeout: float) -> None:
 
 
 def _describe(name: str) -> None:
-    from stiction.comparisons.environment import ROOT
+    from stiction.comparisons.bench.environment import ROOT
     from stiction.engines import load_engine
 
     engine = load_engine(name)

@@ -12,7 +12,7 @@ from stiction.cli.options import EndTime, Overrides, about, listed, positive, sc
 from stiction.cli.render import announce, progress, show, show_table
 
 if TYPE_CHECKING:
-    from stiction.comparisons.judgement import Judgement
+    from stiction.comparisons.judge.judgement import Judgement
 
 commands = typer.Typer()
 
@@ -38,8 +38,8 @@ def judge(scene: Annotated[str, typer.Argument(
               metavar="FOLDER", help="Write a page, a figure and the tables: new, empty, or of an earlier call.")
           ] = None) -> None:
     """Judge a table of results of any program: errors against the truth, stick phases, jumps, drift, energy."""
-    from stiction.comparisons.judgement import judge as judged_by
-    from stiction.comparisons.truth_folder import is_truth_folder
+    from stiction.comparisons.judge.judgement import judge as judged_by
+    from stiction.comparisons.judge.truth_folder import is_truth_folder
     from stiction.reports.judgement_page import MAIN, write_judgement
     from stiction.reports.run_folder.overwriting import check_folder
     from stiction.scenes.result_table import parse_map, parse_units
@@ -93,7 +93,7 @@ def dataset(folder: Annotated[Path, typer.Argument(
 
 def _verdict(judged: Judgement, max_error: float | None) -> tuple[int, str] | None:
     """Exit code and reason of a table that is misread, misses the bound, or cannot be held to it."""
-    from stiction.comparisons.judgement import FEW
+    from stiction.comparisons.judge.judgement import FEW
 
     origin, error, unsure, t = judged.table.origin, judged.error, judged.uncertainty, judged.trajectory.t
     if judged.is_misread:

@@ -43,8 +43,8 @@ def new(file: Annotated[Path, typer.Argument(
             metavar="SCENE", help="A copy of this scene of the catalogue; a small one with friction that explains "
             "itself if not given.")] = None) -> None:
     """Begin a scene of your own: a scene file, and the schema by which an editor completes and checks it."""
-    from stiction.comparisons.atomic_files import write_text
     from stiction.scenes import new_scene_text, scene_text
+    from stiction.scenes.atomic_files import write_text
     from stiction.scenes.schema import SCHEMA_FILE, scene_schema_text
 
     text = new_scene_text() if like is None else scene_text(like)
@@ -64,7 +64,7 @@ def draw(scene: SceneName,
              "--out", "-o", metavar="FILE", callback=written(*PICTURES), help="The picture: .svg, .pdf or .png.")],
          overrides: Overrides = []) -> None:
     """Draw a scene at t = 0: bodies, pins, guides with numbered corners of their sliders, drives, springs, loads."""
-    from stiction.comparisons.atomic_files import whole_file
+    from stiction.scenes.atomic_files import whole_file
 
     loaded = scene_of(scene, overrides)
     with whole_file(out) as partial:
@@ -87,7 +87,7 @@ def schema(out: Annotated[Path | None, typer.Option(
 
 def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | None) -> None:
     """Write the pictures of a run that moved, and print the names of the files."""
-    from stiction.comparisons.atomic_files import whole_file
+    from stiction.scenes.atomic_files import whole_file
 
     makers = (("--plot", plot, lambda file: trajectory.plot().write(file)),
               ("--animate", animation, trajectory.animate))

@@ -56,8 +56,8 @@ def prove(scene: Annotated[str, typer.Argument(
             raise typer.BadParameter("found --set, --t-end or --out, too; expected a file alone", param_hint="--check")
         _check(Path(scene))
         return
-    from stiction.comparisons.proof.certificate import write_certificate
-    from stiction.comparisons.proof.enclosures import NotProven
+    from stiction.truths.proof.certificate import write_certificate
+    from stiction.truths.proof.enclosures import NotProven
 
     loaded = scene_of(scene, overrides)
     try:
@@ -71,7 +71,7 @@ def prove(scene: Annotated[str, typer.Argument(
 def verified_set(solver: str, problems: Path | None) -> pd.DataFrame:
     """Return the table of `stiction replay --verify`."""
     _require_library()
-    from stiction.comparisons.proof.verification import verified
+    from stiction.comparisons.bench.complementarity.verification import verified
 
     return verified(solver, problems)
 
@@ -82,8 +82,8 @@ def _require_library() -> None:
 
 
 def _check(path: Path) -> None:
-    from stiction.comparisons.proof import motion_certificate, threshold_certificate, truth_certificate
-    from stiction.comparisons.proof.certificate import read_certificate
+    from stiction.truths.proof import motion_certificate, threshold_certificate, truth_certificate
+    from stiction.truths.proof.certificate import read_certificate
 
     formats = {each.FORMAT.name: each.FORMAT for each in (motion_certificate, threshold_certificate, truth_certificate)}
     claims = read_certificate(path, formats)
@@ -99,8 +99,8 @@ def _check(path: Path) -> None:
 
 def _proven_motion(scene: Scene, digits: int) -> dict[str, Any]:
     """Claims of a motion; they are printed."""
-    from stiction.comparisons.proof.motion import prove_scene
-    from stiction.comparisons.proof.motion_certificate import motion_certificate
+    from stiction.truths.proof.motion import prove_scene
+    from stiction.truths.proof.motion_certificate import motion_certificate
 
     motion = prove_scene(scene, digits)
     claims = motion_certificate(motion, scene, digits)
@@ -114,8 +114,8 @@ def _proven_motion(scene: Scene, digits: int) -> dict[str, Any]:
 
 def _proven_threshold(scene: Scene, places: int) -> dict[str, Any]:
     """Claims of a threshold; the theorem is printed."""
-    from stiction.comparisons.proof.threshold import proven_threshold
-    from stiction.comparisons.proof.threshold_certificate import threshold_certificate
+    from stiction.truths.proof.threshold import proven_threshold
+    from stiction.truths.proof.threshold_certificate import threshold_certificate
 
     claims = threshold_certificate(proven_threshold(scene, places), scene)
     for sentence in claims["theorem"]:

@@ -16,8 +16,8 @@ from stiction.cli.exit_codes import say
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stiction.comparisons.results import Results
-    from stiction.comparisons.studies.study import Study
+    from stiction.comparisons.bench.results import Results
+    from stiction.comparisons.bench.study import Study
     from stiction.reports.report import Report
     from stiction.scenes import Trajectory
 
@@ -164,8 +164,8 @@ def _longest_word(texts: Iterable[str]) -> int:
 
 def show_table(table: pd.DataFrame) -> None:
     """Print all of a table, numbers rounded by what their column is."""
-    from stiction.comparisons.presentation.cells import MISSING, cell
-    from stiction.comparisons.quantities import quantity_of
+    from stiction.comparisons.bench.presentation.cells import MISSING, cell
+    from stiction.comparisons.bench.quantities import quantity_of
 
     quantities = {name: quantity_of(str(name)) for name in table}
     rows = [[cell(quantities[name], value) for name, value in row.items()] for row in table.to_dict("records")]
@@ -176,7 +176,8 @@ def show_table(table: pd.DataFrame) -> None:
 
 def show_truths(table: pd.DataFrame) -> None:
     """Print what errors are measured against, where that is not independent of us or has a note."""
-    from stiction.comparisons.measures.scene_truth import OWN_RTOL, OWN_RUN
+    from stiction.comparisons.measures.scene_truth import OWN_RTOL
+    from stiction.truths.truth import OWN_RUN
 
     for (tier, note), _ in table.groupby(["truth_tier", "truth_note"]) if "truth_note" in table else ():
         own = f"errors are against our own run at rtol {OWN_RTOL:g} (not independent)" if tier == OWN_RUN else ""
@@ -215,7 +216,7 @@ def show_summary(report: Report) -> None:
 
 def print_or_write(text: str, out: Path | None) -> None:
     """Print a text, or write it to a file and print the name of that."""
-    from stiction.comparisons.atomic_files import write_text
+    from stiction.scenes.atomic_files import write_text
 
     if out is None:
         print(text, end="")
@@ -226,7 +227,7 @@ def print_or_write(text: str, out: Path | None) -> None:
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
     """Write a table as CSV or Parquet, whole or not at all."""
-    from stiction.comparisons.atomic_files import whole_file
+    from stiction.scenes.atomic_files import whole_file
 
     with whole_file(path) as partial:
         if path.suffix.lower() == ".csv":

@@ -117,9 +117,9 @@ def sweep(scene: SceneName,
 
     A motion that neither rests nor repeats itself has none, and its point no number.
     """
-    from stiction.comparisons.campaigns.executors import check_executor, open_isolate
-    from stiction.comparisons.studies import sweep as sweeps
-    from stiction.comparisons.studies.steady_state_measures import SteadyRun
+    from stiction.comparisons.bench.executors import check_executor, open_isolate
+    from stiction.comparisons.sweep import sweep as sweeps
+    from stiction.comparisons.sweep.steady_state_measures import SteadyRun
 
     loaded = scene_of(scene, overrides)
     end = t_end or sweeps.usual_end(loaded)
@@ -141,9 +141,9 @@ def sweep(scene: SceneName,
 
 def _show_sweep(result: Any, folder: Path) -> None:
     """Draw the maps, print their ranges and the reasons of failed points, and fail where all points failed."""
-    from stiction.comparisons.quantities import quantity_of
-    from stiction.comparisons.studies.stick_threshold import WITH_STICK, WITHOUT_STICK
-    from stiction.comparisons.studies.sweep import THRESHOLD_COLUMN
+    from stiction.comparisons.bench.quantities import quantity_of
+    from stiction.comparisons.studies.threshold import WITH_STICK, WITHOUT_STICK
+    from stiction.comparisons.sweep.sweep import THRESHOLD_COLUMN
     from stiction.reports.figures.map import sweep_drawings
     from stiction.reports.figures.style import rc, save
 
@@ -178,7 +178,7 @@ def _show_sweep(result: Any, folder: Path) -> None:
 
 def _show_bands(table: Any) -> None:
     """Print where the slider sticks again above its threshold, of the first rows at which it does."""
-    from stiction.comparisons.studies.stick_threshold import AGAIN
+    from stiction.comparisons.studies.threshold import AGAIN
 
     again = table[table[AGAIN] != ""]
     keys = list(table.columns[:list(table.columns).index("status")])
@@ -192,7 +192,7 @@ def _show_bands(table: Any) -> None:
 @commands.command()
 def replay(solver: Annotated[str, typer.Option(
                metavar="MODULE:FUNCTION", help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); None where it "
-               "finds none.")] = "stiction.comparisons.complementarity.replay:lemke",
+               "finds none.")] = "stiction.comparisons.bench.complementarity.replay:lemke",
            problems: Annotated[Path | None, typer.Option(
                metavar="FILE", help="A stored set; that of the suite if not given.")] = None,
            run: Annotated[str | None, typer.Option(
@@ -218,14 +218,14 @@ def replay(solver: Annotated[str, typer.Option(
             scene, problems = scene_of(run, overrides), Path(folder) / "met.parquet"
             _in_child(f"reference on {scene.name}", _write_met, (scene, problems), RUN_TIMEOUT)
         if export is not None:
-            from stiction.comparisons.complementarity.exchange import write_folder
-            from stiction.comparisons.complementarity.problems import read_problems
+            from stiction.comparisons.bench.complementarity.exchange import write_folder
+            from stiction.comparisons.bench.complementarity.problems import read_problems
 
             print(f"{export}: {write_folder(read_problems(problems), export)} problems")
         elif verify:
             _show_set(verified_set(solver, problems), out)
         else:
-            from stiction.comparisons.complementarity.replay import replay as run_set
+            from stiction.comparisons.bench.complementarity.replay import replay as run_set
 
             with progress(f"replay of {solver}") as bar:
                 table = run_set(solver, problems, timeout_s=timeout, workers=workers, on_start=bar.start,
@@ -238,7 +238,7 @@ def replay(solver: Annotated[str, typer.Option(
 
 def _write_met(scene: Scene, path: Path) -> int | InputError:
     """In the child: the number of problems, or the error if the fault is the input's."""
-    from stiction.comparisons.complementarity.audited_run import write_problems_of_run
+    from stiction.comparisons.bench.complementarity.audited_run import write_problems_of_run
     from stiction.scenes import InputError
 
     try:

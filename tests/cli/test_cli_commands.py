@@ -18,10 +18,10 @@ from conftest import installed, invoke
 from stiction.cli.compare import _print
 from stiction.cli.exit_codes import FAILED, INTERRUPTED, TERMINATED, terminate
 from stiction.cli.render import show, show_trajectory
-from stiction.comparisons.presentation import Presentation
-from stiction.comparisons.results import Results
-from stiction.comparisons.truth import slider_bar_truth
+from stiction.comparisons.bench.presentation import Presentation
+from stiction.comparisons.bench.results import Results
 from stiction.scenes import Trajectory, load_scene, vary
+from stiction.truths import slider_bar_truth
 
 SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
                       "guide.friction", "guide.mode", "motor.effort", "pin.fx", "pin.fy", "drift.position"}
@@ -360,8 +360,8 @@ def test_a_breakdown_at_the_start_is_told_without_a_motion():
 
 
 @pytest.mark.parametrize(("command", "work"), [
-    ("nightly --out made", "stiction.comparisons.campaigns.nightly.run_night"),
-    ("sweep slider-bar-case-1 --vary F0=1,2 --measure event-count --out made", "stiction.comparisons.studies.sweep.sweep")])
+    ("nightly --out made", "stiction.comparisons.regression.nightly.run_night"),
+    ("sweep slider-bar-case-1 --vary F0=1,2 --measure event-count --out made", "stiction.comparisons.sweep.sweep.sweep")])
 def test_what_is_cut_off_says_how_it_goes_on(command, work, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(work, lambda *_, **__: terminate())

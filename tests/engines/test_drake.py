@@ -5,9 +5,9 @@ import tomllib
 import numpy as np
 import pytest
 
-from stiction.comparisons.truth import slider_bar_truth, trammel_truth
 from stiction.engines import BadTrajectory, EngineFailure, Refused, load_engine
 from stiction.scenes import InputError, load_scene, scene_from_dict, scene_to_toml, vary
+from stiction.truths import slider_bar_truth, trammel_truth
 
 pytest.importorskip("pydrake")
 G = 9.81

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.hard.scaled_scenes import Units, scaled
-from stiction.comparisons.truth.reduced.slider_bar import slider_bar_truth
 from stiction.engines import Refused, load_engine
 from stiction.engines.exudyn.bristles import moved_mass
 from stiction.engines.exudyn.model import PointDistance
@@ -15,6 +14,7 @@ from stiction.engines.protocol import UNSETTLED
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import InputError, load_scene, scene_from_dict, vary
 from stiction.scenes.model import LinearSpring
+from stiction.truths.reduced.slider_bar import slider_bar_truth
 
 
 @pytest.fixture(scope="module")

@@ -15,10 +15,10 @@ from fmu_archives import OUTPUTS, library, slider_bar
 from typer.testing import CliRunner
 
 from stiction.cli.app import app
-from stiction.comparisons.campaigns.campaign import load_campaign
-from stiction.comparisons.truth import slider_bar_truth
+from stiction.comparisons.bench.campaign import load_campaign
 from stiction.engines import EngineFailure, EngineMissing, Job, Refused, load_engine, run_isolated
 from stiction.scenes import InputError, load_scene, scene_from_dict, vary
+from stiction.truths import slider_bar_truth
 
 pytest.importorskip("fmpy", reason="the extra fmi is not installed")
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler cc, which makes the FMUs")

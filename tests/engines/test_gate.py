@@ -583,7 +583,7 @@ def test_a_run_further_off_than_the_mechanism_is_large_is_wrong_and_not_ranked(t
 
 def test_an_error_within_the_mechanism_is_an_error(scene):
     from stiction.comparisons.measures.accuracy import errors, size_of
-    from stiction.comparisons.truth import slider_bar_truth
+    from stiction.truths import slider_bar_truth
 
     assert size_of(scene) == 1.25  # m, of the bar from the origin at the start
     run, truth = Sound().simulate(scene, t_end=T_END), slider_bar_truth(scene, T_END)

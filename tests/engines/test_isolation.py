@@ -23,7 +23,7 @@ from child_tasks import (Treacherous, announce_and_hang, burn, fail, hang, hang_
 
 from stiction.child_processes import undisturbed_end
 from stiction.cli.exit_codes import Terminated, terminate
-from stiction.comparisons.campaigns.checkpoint import kept_runs
+from stiction.comparisons.bench.store import kept_runs
 from stiction.engines import (Capabilities, Engine, EngineFailure, EngineMissing, Job, Refused, Task, UnknownEngine,
                               engine_names, isolate, isolation, load_engine, run_isolated)
 from stiction.engines.gate import required_columns

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines import EngineFailure, load_engine
 from stiction.scenes import InputError, load_scene, scene_from_dict, vary
+from stiction.truths import slider_bar_truth
 
 mujoco = pytest.importorskip("mujoco")
 

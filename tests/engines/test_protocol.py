@@ -2,7 +2,7 @@
 
 import pytest
 
-from stiction.comparisons.timing.visits import bare_run
+from stiction.comparisons.bench.timing.visits import bare_run
 from stiction.engines import Engine, load_engine
 from stiction.engines.protocol import Capabilities
 from stiction.engines.registry import BUILT_IN, EngineMissing

@@ -5,12 +5,12 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 
-from stiction.comparisons.truth import four_bar_truth, pendulum_truth
 from stiction.engines import BadTrajectory, load_engine
 from stiction.engines.pymunk.correction import Iteration, bias_of_share, share_of_bias
 from stiction.engines.pymunk.engine import non_turning
 from stiction.engines.shared.step_kernels import Balance, assemble
 from stiction.scenes import load_scene, scene_from_dict, vary
+from stiction.truths import four_bar_truth, pendulum_truth
 
 
 @pytest.fixture(scope="module")

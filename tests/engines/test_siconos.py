@@ -7,7 +7,7 @@ import pytest
 from conftest import installed
 from reference_checks import LAWS
 
-from stiction.comparisons.conformance import conformance
+from stiction.comparisons.judge.conformance import conformance
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.engines import EngineFailure, Refused, load_engine
 from stiction.engines.siconos import engine as adapter

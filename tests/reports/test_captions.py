@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from report_material import CASE, record, unsaved_figures
 
-from stiction.comparisons.variants import Variant
+from stiction.comparisons.bench.variants import Variant
 from stiction.reports import report_of, write_report
 from stiction.reports.report import Report
 

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from stiction.comparisons.campaigns import history
-from stiction.comparisons.campaigns.measurement import NOT_RUN, Metric, Row
-from stiction.comparisons.campaigns.night_changes import engine_versions, environment_changes
-from stiction.comparisons.campaigns.nightly import Result
-from stiction.comparisons.campaigns.regression import COULD_NOT_RUN, NEW, NOT_JUDGED, REGRESSION, Finding
+from stiction.comparisons.bench.planned_runs import NOT_RUN, Metric, Row
+from stiction.comparisons.regression import history
+from stiction.comparisons.regression.check import COULD_NOT_RUN, NEW, NOT_JUDGED, REGRESSION, Finding
+from stiction.comparisons.regression.night_changes import engine_versions, environment_changes
+from stiction.comparisons.regression.nightly import Result
 from stiction.reports.markdown.regression_report import check_report, night_report, summary_lines, write_night
 from stiction.reports.page import write_history_page
 from stiction.reports.page.history_page import _short_names

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from report_material import unsaved_figures, validation_of
 
-from stiction.comparisons.campaigns import history
-from stiction.comparisons.campaigns.measurement import Metric, Row
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.planned_runs import Metric, Row
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.regression import history
 from stiction.reports import report_of, write_report
 from stiction.reports.page import write_history_page, write_run_page
 from stiction.reports.page.time_series import SAMPLE, VISIBLE, decimated

@@ -12,18 +12,18 @@ from made_up_runs import CASES, VARIANTS, about, is_in
 from made_up_runs import record as made_up
 from report_material import hard_table, record, unsaved_figures
 
-from stiction.comparisons.methods import methods
-from stiction.comparisons.presentation import Number, traced, value
-from stiction.comparisons.recommendation import mechanism_in_words, recommendation
-from stiction.comparisons.results import Results
-from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import Variant
+from stiction.comparisons.bench.methods import methods
+from stiction.comparisons.bench.presentation import Number, traced, value
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.variants import Variant
 from stiction.reports import report_of, write_report
 from stiction.reports.markdown.tables import WIDTH as TABLE_WIDTH
 from stiction.reports.markdown.tables import fitted
 from stiction.reports.page_one import (HOW_TO_READ, TITLE, answer_lines, bullets, headline_table, not_installed,
                                        page_one, runs_in_words)
+from stiction.reports.recommendation import mechanism_in_words, recommendation
 from stiction.reports.report import Report
+from stiction.uncertain import Uncertain
 
 FIXED = ("Zhuang & Wang 2014", "1 mm takes", "nearest to 1 ms")
 """Texts with digits that are no results: the paper, the error to which times are given, the step of the comparison."""

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from report_material import CASE, LOST, unsaved_figures, validation_of
 
 import stiction.reports.markdown.validation_report
-from stiction.comparisons.campaigns.participants import variant
-from stiction.comparisons.environment import source_digest
-from stiction.comparisons.methods import stored_keys
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.environment import source_digest
+from stiction.comparisons.bench.methods import stored_keys
+from stiction.comparisons.bench.participants import variant
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.studies.paper_figures import stick_phases
-from stiction.comparisons.variants import Record
 from stiction.engines.isolation import Outcome
 from stiction.reports import REPORT, FolderRefused, check_folder, report_of, write_report
 from stiction.reports.markdown.failures import failed_runs, grouped

@@ -11,10 +11,10 @@ from conftest import invoke
 from report_material import save_one, unsaved_figures
 
 from stiction.comparisons import studies as package
-from stiction.comparisons.campaigns import validation as campaign
-from stiction.comparisons.depth import Depth
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.study import studies
+from stiction.comparisons import validation as campaign
+from stiction.comparisons.bench.depth import Depth
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.studies import studies
 from stiction.reports import report_of, write_report
 from stiction.reports.page import write_run_page
 from stiction.reports.page_one import answer_lines
@@ -27,9 +27,9 @@ TOY = '''
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.campaigns.comparison import Comparison
-from stiction.comparisons.presentation import Axis, Chart, Panel, Series, Headline, Presentation, Column, view, traced, value
-from stiction.comparisons.studies.study import Study, Tables
+from stiction.comparisons.bench.runner import Comparison
+from stiction.comparisons.bench.presentation import Axis, Chart, Panel, Series, Headline, Presentation, Column, view, traced, value
+from stiction.comparisons.bench.study import Study, Tables
 from stiction.engines import Task
 
 

@@ -9,7 +9,9 @@ from conftest import installed, invoke
 from random_mechanisms import extreme_scene
 
 from stiction.cli.exit_codes import BAD_INPUT
-from stiction.comparisons.depth import Depth
+from stiction.comparisons.bench.depth import Depth
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.variants import Variant
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
 from stiction.comparisons.hard.checks import accepted_start, follows, friction_excess
@@ -19,9 +21,7 @@ from stiction.comparisons.hard.examination import (ADAPTER, BEYOND, DECLINED, DE
                                                    RIGHT, UNREAD, WRONG, Examination, Verdict, _beyond, examine, judge)
 from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.comparisons.hard.table import REFERENCE
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.hard_cases import HOSTILE, present
-from stiction.comparisons.variants import Variant
+from stiction.comparisons.studies.hard import HOSTILE, present
 from stiction.engines import load_engine
 from stiction.engines.isolation import Outcome
 from stiction.reference_impl.multibody.dynamics import row_form

@@ -6,20 +6,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stiction.comparisons.campaigns.participants import variant
+from stiction.comparisons.bench.methods import groups
+from stiction.comparisons.bench.participants import variant
+from stiction.comparisons.bench.presentation.cells import with_uncertainty
+from stiction.comparisons.bench.quantities import quantity_of
+from stiction.comparisons.bench.variants import COEFFICIENTS, Coefficients, Record
 from stiction.comparisons.measures.accuracy import KINDS, effort_error, errors, graph, missed, truth_over_time
 from stiction.comparisons.measures.distances import Graph, l1
 from stiction.comparisons.measures.torque_jumps import torque_table
-from stiction.comparisons.methods import groups
-from stiction.comparisons.presentation.cells import with_uncertainty
-from stiction.comparisons.quantities import quantity_of
-from stiction.comparisons.truth import slider_bar_truth
-from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import COEFFICIENTS, Coefficients, Record
 from stiction.engines import Outcome
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reports.markdown.tables import markdown
 from stiction.scenes import load_scene
+from stiction.truths import slider_bar_truth
+from stiction.uncertain import Uncertain
 
 CASE, EFFORT = "slider-bar-case-1", "motor.effort"
 TORQUE, UNSURE = "torque_error", "torque_uncertainty"

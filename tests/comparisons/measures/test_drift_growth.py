@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stiction.comparisons.campaigns.campaign import CAMPAIGNS
+from stiction.comparisons.bench.campaign import CAMPAIGNS
 from stiction.comparisons.measures.drift import decay_error
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth
 from stiction.engines.reference.engine import ReferenceEngine

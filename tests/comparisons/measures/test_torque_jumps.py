@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stiction.comparisons.campaigns.participants import variant
+from stiction.comparisons.bench.participants import variant
+from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.measures.torque_jumps import BOUND, estimate_jump, torque_table
-from stiction.comparisons.truth import CLOSED_FORM, Truth, slider_bar_truth
-from stiction.comparisons.variants import Record
 from stiction.engines import Outcome
 from stiction.engines.pymunk.engine import PymunkEngine
 from stiction.scenes import Event, Trajectory, load_scene
+from stiction.truths import CLOSED_FORM, Truth, slider_bar_truth
 
 EFFORT, AT, END = "motor.effort", 1.0, 2.0
 STEPS = st.sampled_from([5e-4, 1e-3, 2e-3, 5e-3, 1e-2])

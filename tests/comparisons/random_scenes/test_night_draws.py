@@ -10,18 +10,19 @@ from conftest import invoke
 
 from stiction.cli.exit_codes import COULD_NOT_RUN as COULD_NOT_RUN_CODE
 from stiction.cli.exit_codes import NOT_COMPARED, REGRESSED
-from stiction.comparisons.campaigns.baseline import FORMAT, Baseline, updated
-from stiction.comparisons.campaigns.history import open_history
-from stiction.comparisons.campaigns.measurement import NOT_RUN, RANDOM, row_of
-from stiction.comparisons.campaigns.nightly import HISTORY
-from stiction.comparisons.campaigns.regression import COULD_NOT_RUN, REGRESSION, findings
-from stiction.comparisons.environment import origin
+from stiction.comparisons.bench.environment import origin
+from stiction.comparisons.bench.planned_runs import NOT_RUN, RANDOM, row_of
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.random_scenes import __main__ as random_scenes
-from stiction.comparisons.random_scenes import one_freedom, random_slider_bars, resting_mechanisms
+from stiction.comparisons.random_scenes import random_slider_bars, resting_mechanisms
 from stiction.comparisons.random_scenes.night_draws import BATCH, STUDIES, Draw, draws_of_night, sentences_on_draws
 from stiction.comparisons.random_scenes.random_study import RandomScenes, SceneOutcome
+from stiction.comparisons.regression.baseline import FORMAT, Baseline, updated
+from stiction.comparisons.regression.check import COULD_NOT_RUN, REGRESSION, findings
+from stiction.comparisons.regression.history import open_history
+from stiction.comparisons.regression.nightly import HISTORY
 from stiction.engines import Outcome
+from stiction.truths import one_freedom
 
 DRAW = Draw("slider-bars", 7, 0, 2)
 CAMPAIGN = """

@@ -7,19 +7,20 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.measures import scene_truth
-from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
+from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.random_scenes import random_slider_bars
 from stiction.comparisons.random_scenes.random_slider_bars import (AGREES, GRAZES, REFERENCE_REFUSES, SAME_BREAKDOWN,
                                                                    STUDY, T_END, TRUTH_REFUSES, UNDECIDED, difference,
                                                                    drawn, judge, slider_bar)
-from stiction.comparisons.truth import (NO_TRUTH, NoMotion, NotThisMechanism, Undecided, incline_truth,
-                                        oscillator_truth, slider_bar_truth)
-from stiction.comparisons.truth.reduced.piecewise_smooth import Collocation
-from stiction.comparisons.truth.reduced.slider_contact import Contact
 from stiction.engines.registry import load_engine
 from stiction.reference_impl.friction.coulomb import equal_mobilization
 from stiction.scenes import load_scene, vary
 from stiction.scenes.trajectory import Breakdown
+from stiction.truths import (NO_TRUTH, NoMotion, NotThisMechanism, Undecided, incline_truth, oscillator_truth,
+                             slider_bar_truth)
+from stiction.truths.reduced.piecewise_smooth import Collocation
+from stiction.truths.reduced.slider_contact import Contact
+from stiction.truths.truth import OWN_RUN
 
 SELF_LOCKING = {"F0": 2.173292141249958, "L": 1.5430006912566827, "w0": 5.0526693427481595, "m1": 0.22907042986989337,
                 "m2": 0.32968651371907326, "k": 4.909342661734495, "Omega": 1.8145557747090157, "mu": 0.29516182946274194,

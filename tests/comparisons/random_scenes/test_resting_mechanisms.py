@@ -7,11 +7,11 @@ import pytest
 
 from stiction.comparisons.random_scenes import __main__ as random_scenes
 from stiction.comparisons.random_scenes import resting_mechanisms
-from stiction.comparisons.random_scenes.one_freedom import NoClearMotion, OneFreedom, simulate
 from stiction.comparisons.random_scenes.resting_mechanisms import (AGREES, FAMILIES, NO_BALANCE, OTHER_EVENTS,
                                                                    OTHER_MOTION, OWN_ERROR, SLIPS, STOPS, drawn, judge,
                                                                    runs)
 from stiction.scenes import Breakdown, load_scene, scene_from_dict
+from stiction.truths.one_freedom import NoClearMotion, OneFreedom, simulate
 
 SEED = 8
 SLIDER = {"type": "translational", "slider": "block", "length": 0.4, "width": 0.1, "mu": 0.3, "mus": 0.4}

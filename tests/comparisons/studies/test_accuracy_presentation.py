@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 from made_up_runs import CASES, VARIANTS, about, cells, record, sentences, wrong_numbers
 
-from stiction.comparisons.presentation import ANSWER_LENGTH
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.presentation import ANSWER_LENGTH
+from stiction.comparisons.bench.results import Results
 from stiction.comparisons.studies.accuracy import largest_differences, present
-from stiction.comparisons.truth import CLOSED_FORM, Truth
 from stiction.scenes import Event, Trajectory
+from stiction.truths import CLOSED_FORM, Truth
 
 ERRORS = {"reference": (1e-12, 2e-12, 3e-12), "paper's scheme": (2e-4, 1e-4, 1e-6), "pymunk": (1e-3, 2e-3, 4.5e-3),
           "PyBullet": (9e-4, 1e-3, 9.4e-3), "pymunk, contact": (1e-3, 2e-3, 2.9e-3)}

@@ -8,16 +8,17 @@ import pandas as pd
 import pytest
 from made_up_runs import cells, sentences, wrong_numbers
 
-from stiction.comparisons.campaigns.participants import cost_variants, extent, variants
-from stiction.comparisons.depth import Depth
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.depth import Depth
+from stiction.comparisons.bench.participants import cost_variants, extent, variants
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.study import Scope
+from stiction.comparisons.bench.timing.timed_runs import OTHERS
+from stiction.comparisons.bench.timing.visits import WIDE
+from stiction.comparisons.bench.variants import (COEFFICIENTS, EVENTS_BY, FRICTION_BY, OWN_CPU, Coefficients, Record,
+                                                 Variant)
+from stiction.comparisons.measures.equal_error import INTEGRATION, UNKNOWN, equal_error
+from stiction.comparisons.measures.work_precision import TIMING
 from stiction.comparisons.studies.cost import STUDY, plan
-from stiction.comparisons.studies.equal_error import INTEGRATION, UNKNOWN, equal_error
-from stiction.comparisons.studies.study import Scope
-from stiction.comparisons.studies.work_precision import TIMING
-from stiction.comparisons.timing.timed_runs import OTHERS
-from stiction.comparisons.timing.visits import WIDE
-from stiction.comparisons.variants import COEFFICIENTS, EVENTS_BY, FRICTION_BY, OWN_CPU, Coefficients, Record, Variant
 from stiction.engines import Outcome
 from stiction.scenes import load_scene
 

@@ -8,16 +8,17 @@ import pytest
 from conftest import here
 from made_up_runs import wrong_numbers
 
-from stiction.comparisons.presentation import ANSWER_LENGTH
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies import effects, stabilization_choices
+from stiction.comparisons.bench.presentation import ANSWER_LENGTH
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.study import Scope
+from stiction.comparisons.bench.variants import OWN_CPU, Variant
+from stiction.comparisons.studies import effects
+from stiction.comparisons.studies import suppression as stabilization_choices
 from stiction.comparisons.studies.effects import (BASELINE, HIGH, LEFT_OUT, LOW, MOTION, PAIRS, RATIO, REFERENCE,
                                                   EffectKind, effects_comparison, effects_variants, toggles)
-from stiction.comparisons.studies.study import Scope
-from stiction.comparisons.truth import slider_bar_truth
-from stiction.comparisons.variants import OWN_CPU, Variant
 from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
 from stiction.scenes import catalogue, load_scene, vary
+from stiction.truths import slider_bar_truth
 
 CASE = "slider-bar-case-1"
 PROJECTED = {"stabilization": {"method": "projection"}}

@@ -12,21 +12,21 @@ from made_up_runs import sentences, wrong_numbers
 from scipy.optimize import brentq
 
 from stiction.cli.exit_codes import BAD_INPUT
-from stiction.comparisons.depth import Depth
-from stiction.comparisons.presentation.cells import AGAIN
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.depth import Depth
+from stiction.comparisons.bench.presentation.cells import AGAIN
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.study import Scope, union
+from stiction.comparisons.bench.timing.visits import VisitTimes
+from stiction.comparisons.bench.variants import COEFFICIENTS, OWN_CPU, Coefficients
 from stiction.comparisons.studies import hold
-from stiction.comparisons.studies.engine_settings import DEFAULT, SETTING, SUBJECT
 from stiction.comparisons.studies.hold import (BROKEN, CREEP, HELD, HOLDS, LOAD, OBEYED, OPEN, RAMP, SLOWER, STOP, TEST,
                                                UNSURE, changes, laws_table, measured, methods_table, plan, present,
                                                settings_table, true_slip, verdict)
 from stiction.comparisons.studies.hold_data import Law
-from stiction.comparisons.studies.study import Scope, union
-from stiction.comparisons.timing.visits import VisitTimes
-from stiction.comparisons.uncertain import Uncertain
-from stiction.comparisons.variants import COEFFICIENTS, OWN_CPU, Coefficients
+from stiction.comparisons.studies.settings import DEFAULT, SETTING, SUBJECT
 from stiction.engines import load_engine
 from stiction.scenes import InputError, catalogue, load_scene, vary
+from stiction.uncertain import Uncertain
 
 SCENES = [name for name in catalogue() if name.startswith("hold-")]
 G = 9.81

@@ -3,8 +3,8 @@
 import pandas as pd
 import pytest
 
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.study import studies
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.studies import studies
 from stiction.reports.run_folder.trace import LETTERS
 
 NOTHING = {name: pd.DataFrame() for name in LETTERS}

@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 from made_up_runs import CASES, VARIANTS, about, cells, record, sentences, wrong_numbers
 
-from stiction.comparisons.presentation import ANSWER_LENGTH, Presentation
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.study import Scope
-from stiction.comparisons.studies.torque_jumps import plan, present, windows_table
-from stiction.comparisons.truth import CLOSED_FORM, Truth
-from stiction.comparisons.variants import COEFFICIENTS, Coefficients
+from stiction.comparisons.bench.presentation import ANSWER_LENGTH, Presentation
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.study import Scope
+from stiction.comparisons.bench.variants import COEFFICIENTS, Coefficients
+from stiction.comparisons.studies.torque import plan, present, windows_table
 from stiction.scenes import Event, InputError, Trajectory, load_scene
+from stiction.truths import CLOSED_FORM, Truth
 
 EFFORT = "motor.effort"
 JUMPS = (-0.0636, 1.2, -2.5)

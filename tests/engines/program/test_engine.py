@@ -11,15 +11,16 @@ import psutil
 import pytest
 import tomli_w
 
-from stiction.comparisons.campaigns.campaign import CampaignError, load_campaign
-from stiction.comparisons.campaigns.participants import variants
-from stiction.comparisons.digest import circumstances, digest
-from stiction.comparisons.timing.visits import seconds_of
-from stiction.comparisons.variants import Record
+from stiction.comparisons.bench.campaign import CampaignError, load_campaign
+from stiction.comparisons.bench.identity import circumstances
+from stiction.comparisons.bench.participants import variants
+from stiction.comparisons.bench.timing.visits import seconds_of
+from stiction.comparisons.bench.variants import Record
 from stiction.engines import (BadTrajectory, EngineFailure, EngineMissing, Job, Outcome, Refused, UnknownEngine,
                               load_engine, run_isolated)
 from stiction.engines.shared.declared_engine import DIFFERENCES
 from stiction.scenes import FileError, InputError, load_scene, scene_from_dict, vary
+from stiction.scenes.digest import digest
 
 BALL = scene_from_dict({"t_end": 1, "gravity": [0, -10], "bodies": {"ball": {"mass": 2, "inertia": 1, "velocity": [3, 4], "angular_velocity": 5}}},
                        name="ball")

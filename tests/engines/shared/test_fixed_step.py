@@ -11,11 +11,10 @@ import pytest
 from conftest import installed
 
 from stiction.comparisons.hard.scaled_scenes import Units, scaled
-from stiction.comparisons.truth import (moving_guide_truth, oscillator_truth, slider_bar_truth, slider_crank_truth,
-                                        trammel_truth)
 from stiction.engines import BadTrajectory, EngineFailure, Refused
 from stiction.engines.protocol import FIDELITIES, Declined
 from stiction.scenes import InputError, load_scene, scene_from_dict, vary
+from stiction.truths import moving_guide_truth, oscillator_truth, slider_bar_truth, slider_crank_truth, trammel_truth
 
 G = 9.81
 

@@ -6,8 +6,8 @@ from reference_checks import balance_residual, energy_defect, errors, same_event
 from truth_checks import rocking_trammel
 
 from stiction.comparisons.hard.checks import friction_excess
-from stiction.comparisons.truth import moving_guide_truth, slider_bar_truth, trammel_truth
 from stiction.scenes import load_scene, scene_from_dict
+from stiction.truths import moving_guide_truth, slider_bar_truth, trammel_truth
 
 
 @pytest.mark.parametrize(("name", "t_end"), [

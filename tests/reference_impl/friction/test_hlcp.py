@@ -8,7 +8,6 @@ from contact_mode_enumeration import consistent_forces
 from random_mechanisms import extreme_scene, moderate_scene
 
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
-from stiction.comparisons.truth import slider_bar_truth
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.enumeration import solutions as consistent
 from stiction.reference_impl.friction.lemke import RAY, SOLVED, lemke
@@ -16,6 +15,7 @@ from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import load_scene, scene_from_dict, vary
+from stiction.truths import slider_bar_truth
 
 TIGHT = 1e-9
 """Rounding, times the condition of the small random bases (1e3 to 1e6)."""

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stiction.comparisons.judgement import judge
+from stiction.comparisons.judge.judgement import judge
 from stiction.comparisons.measures.accuracy import effort_error
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.engines import load_engine

@@ -8,9 +8,9 @@ import pytest
 
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.scene_truth import ground_truth
-from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines import load_engine
 from stiction.scenes import Scene, load_scene, vary
+from stiction.truths import slider_bar_truth
 
 SLIDER_BARS = ["slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3", "slider-bar-case-1-mus-equals-mu"]
 OTHERS = ["coulomb-oscillator", "mass-on-belt", "block-on-incline", "slider-on-moving-guide"]

@@ -10,7 +10,6 @@ from reference_checks import simulate
 
 from stiction.comparisons.random_scenes.random_slider_bars import difference
 from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
-from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines import load_engine
 from stiction.reference_impl.friction.frozen_mode import solve_mode
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
@@ -18,6 +17,7 @@ from stiction.reference_impl.multibody.dynamics import acceleration, row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import UNLIKE, Mechanism
 from stiction.scenes import load_scene, scene_from_dict, vary
+from stiction.truths import slider_bar_truth
 
 T_END = 8.0
 

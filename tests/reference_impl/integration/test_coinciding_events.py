@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from reference_checks import along, guide_scene, simulate
 
-from stiction.comparisons.truth import NoMotion, slider_bar_truth
-from stiction.comparisons.truth.reduced.slider_bar import SliderBar
 from stiction.engines.reference.engine import ReferenceEngine, output_times
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import load_scene, scene_from_dict
+from stiction.truths import NoMotion, slider_bar_truth
+from stiction.truths.reduced.slider_bar import SliderBar
 
 METHODS = [{"rtol": 1e-9}, {"method": "paper"}]
 

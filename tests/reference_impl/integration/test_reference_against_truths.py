@@ -1,6 +1,6 @@
 """The event-driven reference against every independent truth, and the paper's scheme against the reduced solution.
 
-The truths (`stiction.comparisons.truth`) share no code with the reference: minimal coordinates, no Jacobian, no HLCP.
+The truths (`stiction.truths`) share no code with the reference: minimal coordinates, no Jacobian, no HLCP.
 Tolerances of the tight setting are those the suite promises: 1e-9 for states and event times, 1e-8 N m for jumps of the
 torque. What is reached lies two to three digits below; it is stated in the README, not here.
 """
@@ -14,14 +14,15 @@ import second_method
 
 from stiction.comparisons.measures import scene_truth
 from stiction.comparisons.measures.accuracy import errors
-from stiction.comparisons.measures.scene_truth import OWN_RUN, ground_truth
-from stiction.comparisons.truth import (HIGH_PRECISION, incline_truth, moving_guide_truth, oscillator_truth,
-                                        pendulum_truth, slider_bar_truth, slider_crank_truth, trammel_truth)
+from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.engines import load_engine
 from stiction.reference_impl.integration.coulomb_audit import audit
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import load_scene, vary
+from stiction.truths import (HIGH_PRECISION, incline_truth, moving_guide_truth, oscillator_truth, pendulum_truth,
+                             slider_bar_truth, slider_crank_truth, trammel_truth)
+from stiction.truths.truth import OWN_RUN
 
 CASES = ["slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3"]
 VARIETIES = [*CASES, *(f"{case}-mus-equals-mu" for case in CASES), *(f"{case}-frictionless" for case in CASES)]

@@ -9,7 +9,6 @@ from mechanism_families import barred_chain, closed_loop, independent_slider_bar
 from reference_checks import energy_defect
 from scipy.integrate import solve_ivp
 
-from stiction.comparisons.truth import slider_bar_truth
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.friction.mode_choice import choose_mode
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
@@ -18,6 +17,7 @@ from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import DENSE, MOST_ROWS, Mechanism
 from stiction.reference_impl.multibody.subsystems import independent_parts
 from stiction.scenes import SceneError, load_scene, scene_from_dict, vary
+from stiction.truths import slider_bar_truth
 
 ENGINE = ReferenceEngine()
 

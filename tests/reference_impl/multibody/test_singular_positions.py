@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from reference_checks import simulate
 
-from stiction.comparisons.truth import four_bar_truth
 from stiction.engines.reference.engine import _linear_algebra
 from stiction.reference_impl.multibody import subsystems
 from stiction.reference_impl.multibody.kinematics import constraints_at, workspace
@@ -14,6 +13,7 @@ from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.singular_positions import leave_nearly_dependent, lengths, singular_rows
 from stiction.reference_impl.multibody.subsystems import simulate_parts
 from stiction.scenes import load_scene, scene_from_dict
+from stiction.truths import four_bar_truth
 
 FLOOR = 3e-9
 """Metres. A coordinate is rounded to 1e-16 m; some 1e-2 rad from a flat position, where a step begins or ends, that is 1e-12 m/s across

@@ -11,8 +11,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 
-from stiction.comparisons.presentation import LIMIT, TRUTH, Axis, Chart, HeatMap, MechanismPicture, Panel, Series
-from stiction.comparisons.results import Results
+from stiction.comparisons.bench.presentation import LIMIT, TRUTH, Axis, Chart, HeatMap, MechanismPicture, Panel, Series
+from stiction.comparisons.bench.results import Results
 from stiction.reports.figures.charts import CELL, draw, drawn, in_one_column
 from stiction.reports.figures.style import COLORS, COLUMNS, DASHES, FILLS, MARKERS, TALLEST, Drawing, looks_of, rc, save
 from stiction.reports.report import report_of

@@ -5,15 +5,15 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from stiction.comparisons.presentation.cells import setting_of
-from stiction.comparisons.studies.convergence_orders import METHODS, plan
-from stiction.comparisons.studies.long_runs import drift_study_comparison
-from stiction.comparisons.studies.paper_claims import CHOICES, claims_comparison, sensitivity_comparison
-from stiction.comparisons.studies.study import Scope
-from stiction.comparisons.truth import StickThreshold
+from stiction.comparisons.bench.presentation.cells import setting_of
+from stiction.comparisons.bench.study import Scope
+from stiction.comparisons.studies.claims import CHOICES, claims_comparison, sensitivity_comparison
+from stiction.comparisons.studies.long_drift import drift_study_comparison
+from stiction.comparisons.studies.orders import METHODS, plan
 from stiction.engines import Outcome
 from stiction.reports.markdown.failures import failed_runs, grouped
 from stiction.scenes import load_scene
+from stiction.truths import StickThreshold
 
 CASES = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
 WORDS = "no result within 240 s"

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stiction.comparisons.presentation.cells import NULL, cell
-from stiction.comparisons.presentation.table_view import BRIEF_ROWS, Column, view
-from stiction.comparisons.quantities import quantity_of
+from stiction.comparisons.bench.presentation.cells import NULL, cell
+from stiction.comparisons.bench.presentation.table_view import BRIEF_ROWS, Column, view
+from stiction.comparisons.bench.quantities import quantity_of
 from stiction.reports.markdown.study_section import more, table
 from stiction.reports.markdown.tables import aligned
 from stiction.reports.paper import latex

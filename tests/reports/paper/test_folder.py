@@ -12,10 +12,10 @@ import pytest
 from conftest import invoke
 from report_material import CASE, hard_table, save_one, unsaved_figures, validation_of
 
-from stiction.comparisons.presentation.cells import AGAIN
-from stiction.comparisons.results import Results
-from stiction.comparisons.studies.equal_error import equal_error
-from stiction.comparisons.variants import OWN_CPU
+from stiction.comparisons.bench.presentation.cells import AGAIN
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.variants import OWN_CPU
+from stiction.comparisons.measures.equal_error import equal_error
 from stiction.reports import report_of, write_report
 from stiction.reports.paper import folder, write_paper
 from stiction.reports.run_folder.stored_run import StoredRun, read_run

@@ -11,14 +11,15 @@ import tomli_w
 from conftest import invoke
 from report_material import CASE, record
 
-from stiction.comparisons.campaigns.participants import participants, variant
-from stiction.comparisons.methods import stored_keys
-from stiction.comparisons.presentation.cells import AGAIN, TRAJECTORY
-from stiction.comparisons.variants import Record, has_static_coefficient, job, physics_of
+from stiction.comparisons.bench.methods import stored_keys
+from stiction.comparisons.bench.participants import participants, variant
+from stiction.comparisons.bench.presentation.cells import AGAIN, TRAJECTORY
+from stiction.comparisons.bench.variants import Record, has_static_coefficient, job
 from stiction.engines import Outcome, load_engine
 from stiction.reports.run_folder.data import SAMPLE_STEP, data_tables, thinned, write_data
 from stiction.reports.run_folder.reproduce import again
 from stiction.scenes import load_scene
+from stiction.truths.physics import physics_of
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from stiction.comparisons.quantities import QUANTITIES, quantity_of
+from stiction.comparisons.bench.quantities import QUANTITIES, quantity_of
 from stiction.reports.run_folder.data_package import DATA_PACKAGE, PARAMETERS, columns_of_table
 from stiction.scenes.columns import unit_of
 

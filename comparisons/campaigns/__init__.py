@@ -1,1 +1,0 @@
-"""Many runs in one go, kept, compared with a baseline: validation, nights, checks."""

@@ -1,0 +1,1 @@
+"""The judge of results from anywhere: tables, programs, and the truths as folders."""

@@ -1,0 +1,1 @@
+"""What changed since before: baselines, checks, nights and their history."""

@@ -1,0 +1,1 @@
+"""Numbers of the steady state over the parameters of a scene."""

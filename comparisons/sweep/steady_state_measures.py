@@ -1,0 +1,474 @@
+"""Numbers of a motion after its start has been forgotten: of one period of a steady state, at the end of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import TypeVar
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import minimize_scalar
+
+from stiction.comparisons.bench.quantities import Quantity
+from stiction.comparisons.bench.variants import COMMON_STEP, time_factor
+from stiction.comparisons.measures.invariant_shifts import TURN, invariant_shifts
+from stiction.comparisons.measures.settling import (LEAST_PASSES, MOST_PERIODS, NoCommonPeriod, NotSettled,
+                                                    excitation_period, settled)
+from stiction.comparisons.studies.threshold import CREEP_TOLERANCE, SHORTEST_STICK
+from stiction.engines.protocol import EVENTS_LOCATED_BY, EngineFailure, Refused
+from stiction.engines.registry import load_engine
+from stiction.reference_impl.integration.event_driven import Integration, Options
+from stiction.reference_impl.integration.result import Run
+from stiction.reference_impl.multibody.initial_state import consistent_start, with_consistent_start
+from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes.columns import BODY_COLUMNS
+
+SAMPLE_STEP = 0.01
+"""s; largest distance of the samples that a peak is taken from. Between two of them a peak of a sine of frequency w is
+missed by at most (w SAMPLE_STEP)^2 / 8 of its size: 1e-4 at w = 3 rad/s."""
+FEWEST_SAMPLES = 16
+"""Samples of a period from which the range of a motion is taken, where no measure requires more."""
+
+REPEATS, CONTRACTION = 1e3, 0.05
+"""Distance of a steady motion from its limit, in units of the tolerance times its range: motions at this tolerance
+differ by that from those of the same mechanism in another guise. And in units of that distance, the change from period
+to period from which on its decay is measured: a run's own errors, those of steps at the limit of stability among them,
+are below."""
+FAR = 0.4
+"""Part of the range of a motion by which it leaves each of its states before it comes back."""
+BACK = 0, 3, 8, 21
+"""Samples from the end back to the instants at which a state is looked for that comes again, one after the other.
+Between the samples around a jump of the acceleration the interpolated motion is wrong by the jump's size."""
+SAME = 1e-9
+"""Relative difference of accelerations and forces of the same mechanism moved along; rounding leaves 1e-13."""
+LEAST_SHIFT = 1e-3
+"""Part of the mechanism's size: shorter shifts in a period are not followed over all of it, by so many of them."""
+OFF_GRID = 1e-2
+"""Part of the distance of samples by which one may be off its instant: an engine may put it onto an event that is as
+close."""
+STEP_LIMIT = 100_000
+"""Steps of the reference after which a run is given up; a window of the catalogue's scenes takes some hundred."""
+
+
+@dataclass(frozen=True)
+class SteadyRun:
+    """The run of a motion, and the time in which its steady state is looked for.
+
+    Attributes
+    ----------
+    settle, t_end : float
+        Seconds between which the motion must come to rest or repeat itself.
+    rtol : float
+        Relative tolerance of a run without fixed steps; times `REPEATS` that of a motion that repeats itself.
+    dt : float or None
+        Largest step of a run with fixed steps, s; an engine without tolerance takes `COMMON_STEP` where None.
+    """
+
+    settle: float
+    t_end: float
+    rtol: float = 1e-6
+    engine: str = "reference"
+    fidelity: str = "joint"
+    dt: float | None = None
+
+    @property
+    def is_event_driven_reference(self) -> bool:
+        return self.engine == "reference" and self.dt is None
+
+    def step(self, scene: Scene) -> float | None:
+        """Return the largest step on a scene, s; None for a run with a tolerance."""
+        if self.dt is not None or load_engine(self.engine).capabilities.adaptive:
+            return self.dt
+        return COMMON_STEP * time_factor(scene, self.t_end)
+
+
+@dataclass
+class SteadyWindow:
+    """A run, and the last period of its motion in steady state, which is measured.
+
+    Attributes
+    ----------
+    integration : Integration
+        The reference's, which has the forces in the contact mode at the end of the run.
+    whole : Run or Trajectory
+        The run at equally spaced instants, of which a period is a whole number.
+    located : bool
+        True if it has the events of its motion.
+    settle, end, rtol : float
+        See `SteadyRun`; the end is that of the run.
+    period : float
+        The common one of loads and drives, s; inf where they are constant, nan where they are not periodic.
+    """
+
+    scene: Scene
+    mechanism: Mechanism
+    integration: Integration
+    whole: Run | Trajectory
+    located: bool
+    settle: float
+    end: float
+    period: float
+    rtol: float
+
+    def __post_init__(self) -> None:
+        """Positions, velocities and accelerations, where requested, (samples, 3 bodies) each; their units and ranges.
+
+        Distances from a limit that are allowed are a part of the ranges, and the error of a step.
+        """
+        columns, bodies = self.whole.columns, list(self.scene.bodies)
+        self._motion = [np.column_stack([columns[f"{body}.{label}"] for body in bodies for label in labels])
+                        for labels in BODY_COLUMNS if f"{bodies[0]}.{labels[0]}" in columns]
+        self._size = float(self.mechanism.arrays.length_scale)
+        self._unit = np.tile([1.0, 1.0, self._size], len(bodies))  # metres in a unit of each coordinate
+        self._fastest = float(np.max(np.abs(self._motion[1]) * self._unit))
+        self._shifts = invariant_shifts(self.scene, self._size)
+        self._places = self._shifts.places(self.whole.t, self._motion[0])
+        of_places, of_velocities = np.ptp(self._places, axis=0), np.ptp(self._motion[1], axis=0) * self._unit
+        # a place on a circle is nowhere farther away than its circumference, however often it goes round
+        of_places = np.where(self._shifts.turns, np.minimum(of_places, TURN * self._size), of_places)
+        self._ranges = [of_places, of_velocities]
+        self._allowed = self.rtol * np.concatenate([REPEATS * of_places + self._size,
+                                                    REPEATS * of_velocities + (self._fastest or 1.0)])
+
+    @cached_property
+    def start(self) -> float:
+        """Start of the last period of the motion, s; of all samples, of a mechanism at rest or in uniform motion.
+
+        Raises
+        ------
+        NotSettled
+            If the motion neither rests nor repeats itself.
+        """
+        t = self.whole.t
+        if self._is_steady():
+            return float(t[0])
+        if self.period < np.inf:
+            step = round(self.period / (t[1] - t[0]))
+            q, v = (values[::-step][::-1] for values in self._motion[:2])
+            return self.end - self.period * self._order(self.end, self.period, q, v)
+        if np.isnan(self.period):
+            raise NotSettled("loads and drives have no common period, and the mechanism is not at rest")
+        return self.end - self._own_period()
+
+    @cached_property
+    def run(self) -> Run | Trajectory:
+        """Samples and events from `start` to `end`; the mode at the start holds since the events before."""
+        inside = self.whole.t >= self.start - 1e-9 * (self.end - self.settle)
+        columns = {name: values[inside] for name, values in self.whole.columns.items()}
+        events = tuple(event for event in self.whole.events if event.time > self.start)
+        return replace(self.whole, t=self.whole.t[inside], columns=columns, events=events)
+
+    def _is_steady(self) -> bool:
+        """Return True if all bodies rest, or move uniformly along ways on which nothing changes."""
+        q, of_velocities = self._motion[0], self._ranges[1]
+        if np.max(np.ptp(q, axis=0) * self._unit) <= self.rtol * self._size:
+            return True
+        if np.max(of_velocities) > CONTRACTION * REPEATS * self.rtol * self._fastest:
+            return False
+        change = self._places[-1] - self._places[0]
+        change -= self._shifts.whole_turns(change)
+        is_same_place = np.all(np.abs(change) <= self._allowed[:len(change)])
+        return bool(is_same_place and self._forces_repeat(self.end - self.whole.t[0], q[-1] - q[0]))
+
+    def _order(self, instant: float, period: float, q: np.ndarray, v: np.ndarray) -> int:
+        """Number of periods in which a motion repeats itself, from its states every period, the last at an instant."""
+        if len(q) < LEAST_PASSES:
+            raise NotSettled(f"fewer than {LEAST_PASSES - 1} periods of {period:g} s to look at")
+        passes = np.arange(1 - len(q), 1)
+        places = self._shifts.places(instant + period * passes, q)
+        for order in range(1, min(MOST_PERIODS, len(q) // LEAST_PASSES) + 1):
+            turns = self._shifts.whole_turns(places[-1] - places[-1 - order])
+            states = np.hstack([places - np.outer(passes / order, turns), v * self._unit]) / self._allowed
+            if (settled(states, 1.0, CONTRACTION, (order,), 1.0) is not None
+                    and self._forces_repeat(order * period, q[-1] - q[-1 - order])):
+                return order
+        raise NotSettled(f"the motion does not repeat itself to {REPEATS * self.rtol:g} of its range within "
+                         f"{len(q) - 1} periods of {period:g} s")
+
+    def _forces_repeat(self, time: float, change: np.ndarray) -> bool:
+        """Return True if the forces are the same after the invariant shift that is next to a change in this time.
+
+        That follows from the scene, but for forces that it leaves open and loads that are not periodic: accelerations
+        and efforts must be the same where and when the mechanism is after as many such shifts as carry it over its own
+        size.
+        """
+        shift = self._shifts.nearest(time, change, self._unit)
+        q, v = (values[-1] for values in self._motion[:2])
+        distance = np.max(np.abs(shift) * self._unit)
+        if distance <= LEAST_SHIFT * self._size:
+            return True
+        times = int(np.ceil(self._size / distance))
+        here, there = (self.integration.forces_at(self.end + k * time, q + k * shift, v) for k in (0, times))
+        efforts = [row for row, name in enumerate(self.mechanism.row_names) if name.endswith(".effort")]
+        pairs = ((here[0] * self._unit, there[0] * self._unit, self._fastest / time), (here[1], there[1], 0.0),
+                 (here[2][efforts], there[2][efforts], np.max(np.abs(here[2]), initial=0.0)))
+        return all(np.max(np.abs(others - values), initial=0.0)
+                   <= SAME * max(least, np.max(np.abs(values), initial=0.0)) for values, others, least in pairs)
+
+    def _own_period(self) -> float:
+        """The shortest time (s) after which a mechanism with constant loads and drives is in the same motion again."""
+        (q, v, a), t, n = self._motion, self.whole.t, 3 * len(self.scene.bodies)
+        motion = CubicHermiteSpline(t, np.hstack([q, v]), np.hstack([v, a]))  # wrong by h^4/384 of its 4th derivative
+        ranges, count = np.concatenate(self._ranges), len(self._ranges[0])
+        # places and velocities that do not change are those of bodies at rest or in uniform motion
+        swings = np.concatenate([self._ranges[0] > self.rtol * self._size,
+                                 self._ranges[1] > self.rtol * self._fastest])
+        weight = 1.0 / ranges[swings]
+
+        def states(instants: np.ndarray | float) -> np.ndarray:
+            found = motion(instants)
+            return np.concatenate([self._shifts.places(instants, found[..., :n]), found[..., n:] * self._unit], axis=-1)
+
+        def away(instant: float, lag: np.ndarray | float) -> np.ndarray:
+            change = states(instant - lag) - states(instant)
+            change[..., :count] -= self._shifts.whole_turns(change[..., :count])
+            return np.max(np.abs(change[..., swings]) * weight, axis=-1, initial=0.0)
+
+        sampled = np.hstack([self._places, v * self._unit])
+        step = np.max(np.abs(np.diff(sampled[:, swings], axis=0)) * weight, initial=0.0)
+        reason = NotSettled("the mechanism is neither at rest nor where it was before, within "
+                            f"{self.end - self.settle:g} s")
+        for last in len(t) - 1 - np.array(BACK)[np.array(BACK) < len(t) // 2]:
+            instant, earlier = t[last], t[:last + 1]
+            distance = away(instant, instant - earlier)
+            for i in range(last - 1, 0, -1):
+                is_near = distance[i] <= min(step, distance[i - 1], distance[i + 1])
+                if is_near and np.max(distance[i:]) > FAR:
+                    bounds = instant - t[i + 1], instant - t[i - 1]
+                    lag = float(minimize_scalar(partial(away, instant), bounds=bounds, method="bounded",
+                                                options={"xatol": 1e-12}).x)
+                    if away(instant, lag) > REPEATS * self.rtol:
+                        continue
+                    passes = motion(instant - lag * np.arange(int((instant - t[0]) / lag), -1, -1))
+                    try:
+                        return lag * self._order(instant, lag, passes[:, :n], passes[:, n:])
+                    except NotSettled as found:
+                        reason = found
+                        break  # longer lags are multiples of this one
+        raise reason
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number of a `SteadyWindow`.
+
+    Attributes
+    ----------
+    function : callable
+        Yields the number of a window, from the column of its run that is named. Its docstring says what it is.
+    needs : str or None
+        A part of the scene that must not be empty: ``"guides"``, ``"frictional_guides"``, ``"drives"``.
+    of : str
+        Column of these, such as ``"effort"``.
+    sampled : bool
+        True if it needs samples all over the window, False if events and ends suffice.
+    also : str or None
+        A part of the scene, such as ``"bodies"``, whose elements it may be of too, where they are named.
+    element : str
+        Name of the element that it is of; the first one that it `needs` where empty.
+    """
+
+    name: str
+    unit: str
+    function: Callable[[SteadyWindow, str], float]
+    needs: str | None = None
+    of: str = ""
+    sampled: bool = False
+    also: str | None = None
+    element: str = ""
+
+    @property
+    def column(self) -> str:
+        """Key of its column in a sweep's table: its name as in a command, ``peak-speed:block``."""
+        return f"{self.name}:{self.element}" if self.element else self.name
+
+    @property
+    def quantity(self) -> Quantity:
+        """What its column is."""
+        label = f"{self.name} of {self.element}" if self.element else self.name
+        return Quantity(self.column, label, "" if self.unit == "-" else self.unit)
+
+    def source(self, scene: Scene) -> str:
+        """The column of a run that it is of; none where that is of nothing."""
+        return f"{self.element or next(iter(getattr(scene, self.needs)))}.{self.of}" if self.needs else ""
+
+    def subject(self, scene: Scene) -> str:
+        """Whose number it is, in words; none where that is of the whole mechanism."""
+        element = self.source(scene).rpartition(".")[0]
+        guide = scene.guides.get(element)
+        return element if guide is None else f"{guide.slider} along {element}"
+
+    def choices(self, scene: Scene) -> list[str]:
+        """Names of the elements that it can be of."""
+        return [name for part in (self.needs, self.also) if part for name in getattr(scene, part)]
+
+    def value(self, window: SteadyWindow) -> float:
+        return float(self.function(window, self.source(window.scene)))
+
+
+def measure_of(text: str) -> Measure:
+    """The measure of its name, or of ``NAME:ELEMENT``, such as ``peak-speed:block``.
+
+    Raises
+    ------
+    InputError
+        If there is none of this name.
+    """
+    name, colon, element = text.partition(":")
+    if name not in MEASURES or (colon and not (element and MEASURES[name].needs)):
+        raise InputError(f"measures: found {text!r}; expected some of {', '.join(MEASURES)}, each but event-count also "
+                         "with the name of an element, as peak-speed:NAME")
+    return replace(MEASURES[name], element=element)
+
+
+def stick_fraction(window: SteadyWindow, mode: str) -> float:
+    """Part of the window in which a frictional guide sticks.
+
+    It is taken from located events, else from the stretches between samples of which both are slower than
+    `CREEP_TOLERANCE`: a reversal has only one such sample.
+    """
+    run, length = window.run, window.end - window.start
+    if not window.located:
+        is_slow = np.abs(run.columns[mode.removesuffix("mode") + "slip_velocity"]) <= CREEP_TOLERANCE
+        return np.sum(np.diff(run.t)[is_slow[:-1] & is_slow[1:]]) / length
+    since, stuck = window.start, 0.0
+    for event in run.events:
+        stuck += (event.time - since) * (event.before[mode] == 0)
+        since = event.time
+    return (stuck + (window.end - since) * (run.columns[mode][-1] == 0)) / length
+
+
+def peak(window: SteadyWindow, column: str) -> float:
+    """Largest absolute value, two-sided values at events included."""
+    return _largest(window, (column,))
+
+
+def peak_speed(window: SteadyWindow, column: str) -> float:
+    """Largest speed: of a guide that of its slider along it, of a body that of its centre of mass."""
+    element = column.rpartition(".")[0]
+    names = tuple(f"{element}.{label}" for label in BODY_COLUMNS[1][:2])
+    return _largest(window, names if element in window.scene.bodies else (column,))
+
+
+def _largest(window: SteadyWindow, columns: Sequence[str]) -> float:
+    """Largest size of a vector with these columns."""
+    run = window.run
+    sides = [np.hypot.reduce([side[name] for name in columns])
+             for event in run.events for side in (event.before, event.after)]
+    sampled = np.sqrt(np.sum([run.columns[name] ** 2 for name in columns], axis=0))
+    return max(np.max(sampled), *sides, 0.0)
+
+
+def event_count(window: SteadyWindow, _: str) -> float:
+    """Number of events in the window, which is a period of the motion: changes of contact mode.
+
+    Raises
+    ------
+    Refused
+        If the run does not locate them.
+    """
+    if not window.located:
+        raise Refused("event-count: the engine does not locate events")
+    return len(window.run.events)
+
+
+MEASURES = {measure.name: measure for measure in (
+    Measure("stick-fraction", "-", stick_fraction, needs="frictional_guides", of="mode"),
+    Measure("peak-torque", "N m", peak, needs="drives", of="effort", sampled=True),
+    Measure("peak-speed", "m/s", peak_speed, needs="guides", of="slip_velocity", sampled=True, also="bodies"),
+    Measure("event-count", "-", event_count))}
+"""Without the name of an element peaks are those of the first drive (N of a distance drive) and of the first guide's
+slider along its guide."""
+
+
+def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> SteadyWindow:
+    """Simulate a scene from a start that is moved onto the constraints.
+
+    The reference does it by its event-driven method and projection, unless it is given a step.
+
+    Parameters
+    ----------
+    measures : sequence of Measure
+        Purpose of the window: besides the state, a run of the reference has no other columns than theirs.
+
+    Raises
+    ------
+    SceneError
+        If the start cannot be assembled.
+    Refused, EngineFailure
+        If the engine cannot simulate the scene, or stops before the end.
+    """
+    try:
+        period = excitation_period(scene, run.settle)
+    except NoCommonPeriod:
+        period = np.nan
+    mechanism = Mechanism(scene, "projection")
+    of = _window_of_reference if run.is_event_driven_reference else _window_of_engine
+    return of(scene, mechanism, run, measures, period)
+
+
+def _window_of_reference(scene: Scene, mechanism: Mechanism, run: SteadyRun, measures: Sequence[Measure],
+                         period: float) -> SteadyWindow:
+    """Simulate with equally spaced samples behind `settle` alone: of as many whole periods as fit, if there are any."""
+    q, v = consistent_start(mechanism, assemble=True)
+    settle, t_end = run.settle, run.t_end
+    if period < np.inf:
+        longest = SAMPLE_STEP if any(measure.sampled for measure in measures) else np.inf
+        periods, samples = _whole_periods(t_end - settle, period, longest)
+        instants = np.linspace(t_end - periods * period, t_end, samples + 1) if periods else np.array([settle, t_end])
+    else:
+        instants = np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
+    columns = {measure.source(scene) for measure in measures if measure.needs and measure.element not in scene.bodies}
+    columns |= {f"{body}.{label}" for body in scene.bodies
+                for labels in BODY_COLUMNS[:2 if period < np.inf else 3] for label in labels}
+    integration = Integration(mechanism, q, v, instants, t_end, run.rtol,
+                              Options(STEP_LIMIT, names=columns, events_behind=float(instants[0])))
+    return SteadyWindow(scene, mechanism, integration, _ended(integration.run), True, settle, t_end, period, run.rtol)
+
+
+def _whole_periods(time: float, period: float, longest: float) -> tuple[int, int]:
+    """Number of whole periods in a time, and of the samples in them, at a distance of at most `longest` seconds."""
+    periods = int(time / period * (1 + 1e-12))
+    return periods, periods * max(FEWEST_SAMPLES, int(np.ceil(period / longest)))
+
+
+def _window_of_engine(scene: Scene, mechanism: Mechanism, run: SteadyRun, _: Sequence[Measure],
+                      period: float) -> SteadyWindow:
+    """Simulate up to the last whole period, which is a whole number of samples, and each of them of steps."""
+    largest_step = run.step(scene)
+    finest = max(SHORTEST_STICK, 2 * (largest_step or 0.0))  # two steps at least
+    end, count = run.t_end, int(np.ceil(run.t_end / finest))
+    if period <= run.t_end:
+        periods, count = _whole_periods(run.t_end, period, finest)
+        end = periods * period
+    sample_step = end / count
+    accuracy = {"dt": sample_step / math.ceil(sample_step / largest_step)} if largest_step else {"rtol": run.rtol}
+    trajectory = _ended(load_engine(run.engine).simulate(
+        with_consistent_start(scene, assemble=True), t_end=end, output_step=sample_step, fidelity=run.fidelity,
+        **accuracy))
+    instants, found = np.linspace(0.0, end, count + 1), trajectory.t
+    if len(found) != len(instants) or not np.allclose(found, instants, rtol=0.0, atol=OFF_GRID * sample_step):
+        raise EngineFailure(f"found {len(found)} samples to {found[-1]:g} s; expected {len(instants)} to {end:g} s, "
+                            f"every {sample_step:g} s")
+    behind = instants >= run.settle * (1 - 1e-12)
+    columns = {name: values[behind] for name, values in trajectory.columns.items()}
+    whole = replace(trajectory, t=instants[behind], columns=columns)
+    q, v = (np.array([columns[f"{body}.{label}"][-1] for body in scene.bodies for label in labels])
+            for labels in BODY_COLUMNS[:2])
+    integration = Integration(mechanism, q, v, instants[:1], end, run.rtol)
+    located = trajectory.settings[EVENTS_LOCATED_BY] != "nobody"
+    return SteadyWindow(scene, mechanism, integration, whole, located, run.settle, end, period, run.rtol)
+
+
+Ended = TypeVar("Ended", Run, Trajectory)
+
+
+def _ended(run: Ended) -> Ended:
+    """The run, if it reached its end; EngineFailure with its own words otherwise."""
+    if run.termination != "end":
+        raise EngineFailure(run.termination)
+    return run

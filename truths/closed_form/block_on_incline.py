@@ -1,0 +1,76 @@
+"""Block on an incline: rest or an exact parabola.
+
+With d the direction of the guide, n its normal, G = m (g.d) and R = -m (g.n): x'' = (G - mu N sgn x')/m along the
+guide; at rest it stays where |G| <= mus N, else it starts along sgn G. On a guide at angle beta to gravity's
+horizontal this is: it sticks where tan(beta) <= mus, and slides with g (sin beta - mu cos beta).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.model import Translational
+from stiction.truths.reduced.slider_contact import Contact
+from stiction.truths.structure import CENTRE, Condition, Part, Structure
+from stiction.truths.truth import EPS, Truth, body_columns
+
+INCLINE = Structure("a block on an incline", ("block",), {
+    "guide": Part(Translational, "block", GROUND, slider_point=CENTRE, frictional=True),
+}, gravity=Condition("a vector", lambda gravity: gravity is not None), any_names=True)
+
+
+class _Phase(NamedTuple):
+    """Constant acceleration a along the guide from (start, x, v) on; `slip` is its direction, 0 at rest."""
+
+    start: float
+    x: float
+    v: float
+    a: float
+    slip: int
+
+
+def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
+    """Return the motion of a block that nothing but gravity and a straight fixed guide with friction acts on."""
+    found = INCLINE.match(scene)
+    name, guide, block = found.name("guide"), found["guide"], found.bodies["block"]
+    body, contact = scene.bodies[block], Contact.of(guide)
+    t_end = scene.t_end if t_end is None else t_end
+    direction = np.array(guide.direction) / np.hypot(*guide.direction)
+    across, gravity = np.array([-direction[1], direction[0]]), np.array(scene.gravity)
+    pull, R = body.mass * gravity @ direction, -body.mass * gravity @ across
+
+    def capacity(coefficient: float) -> float:
+        return float(contact.capacity(R, 0.0, coefficient))
+
+    def phase(start: float, x: float, v: float) -> _Phase:
+        slip = int(np.sign(v)) or (int(np.sign(pull)) if abs(pull) > capacity(contact.mus) else 0)
+        if v == 0 and slip:
+            contact.require_unique_slip(start)
+        a = (pull - slip * capacity(contact.mu)) / body.mass if slip else 0.0
+        return _Phase(start, x, v, a, slip)
+
+    position = np.array(body.position) - np.array(guide.point)
+    first = phase(0.0, float(position @ direction), float(np.array(body.velocity) @ direction))
+    motion = [first]
+    if first.v * first.a < 0:
+        motion.append(phase(-first.v / first.a, first.x - first.v * first.v / (2 * first.a), 0.0))
+
+    def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        owner = np.searchsorted([later.start for later in motion[1:]], t, side="right" if side == "after" else "left")
+        start, x, speed, a, slip = (np.array(column)[owner] for column in zip(*motion))
+        since = t - start
+        s, v = x + speed * since + a * since ** 2 / 2, speed + a * since
+        friction = np.where(slip != 0, -slip * capacity(contact.mu), -pull)
+        offset = np.array(guide.point) + (position @ across) * across
+        d = direction[:, None]
+        return body_columns(block, offset[:, None] + d * s, d * v, d * a) | contact.columns(
+            name, np.full(len(t), R), np.zeros(len(t)), contact.mobilization(R, 0.0, friction), slip.astype(float),
+            displacement=s, slip_velocity=v)
+
+    switches = [(later.start, "reversal" if later.slip else "stick", name) for later in motion[1:]
+                if later.start < t_end]
+    return Truth.of_formulas(scene, t_end, columns, 8 * EPS, 200, switches)

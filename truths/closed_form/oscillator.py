@@ -1,0 +1,223 @@
+"""Mass on a spring with dry friction: its motion, phase by phase in closed form.
+
+    m x'' = -k (x - x0) + F0 + P sin(Omega t + phi) - mu N sgn(x' - u)
+
+with a surface that moves at constant speed u (0: Den Hartog's oscillator; not 0: mass on a belt). In slip this is a
+linear oscillator about a shifted centre, in stick x' = u. A phase ends at the first zero of an elementary function
+whose third derivative is bounded. `first_zero` steps towards it from the left over h where the Taylor polynomial minus
+the bound is positive: it can overlook no zero, and converges like Newton's method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Constant, Linear, Sine
+from stiction.scenes.model import Drive, Force, LinearSpring, Translational
+from stiction.truths.reduced.slider_contact import Contact
+from stiction.truths.structure import ANY, CENTRE, FORWARD, OPTIONAL, POSITIVE, PULLS_ALONG_X, Match, Part, Structure
+from stiction.truths.truth import EPS, Truth
+
+_GUIDE: dict[str, Any] = {"direction": FORWARD, "slider_point": CENTRE, "angle": 0, "frictional": True}
+_OTHERS = {"spring": Part(LinearSpring, "mass", GROUND, points=(CENTRE, ANY), stiffness=POSITIVE, damping=0,
+                          where=PULLS_ALONG_X),
+           "force": Part(Force, "mass", count=OPTIONAL, point=CENTRE, direction=FORWARD, law=Constant | Sine)}
+ON_GROUND = Structure("a mass on a spring with dry friction", ("mass",), {
+    "guide": Part(Translational, "mass", GROUND, **_GUIDE), **_OTHERS}, any_names=True)
+ON_BELT = Structure("a mass on a spring with dry friction, on a belt", ("mass", "belt"), {
+    "guide": Part(Translational, "mass", "belt", **_GUIDE), **_OTHERS,
+    "track": Part(Translational, "belt", GROUND, direction=FORWARD, frictional=False),
+    "drive": Part(Drive, "belt", GROUND, type="distance", axis=FORWARD, law=Linear)}, any_names=True)
+_STARTING = 1e-6
+"""Fraction of 1/wn for which a slip phase is known not to end (it starts at relative velocity zero)."""
+
+
+def first_zero(function: Callable[[float], tuple[float, float, float]], bound: float, start: float,
+               end: float) -> float:
+    """Find the first t >= start at which a positive function reaches zero; inf if it does not before end.
+
+    The function gives its value, first and second derivative; `bound` is that of the third.
+    """
+    t = start
+    while t < end:
+        value, first, second = function(t)
+        if value <= 0:
+            return t
+        roots = np.roots([-bound / 6, second / 2, first, value]) if bound else np.roots([second / 2, first, value])
+        ahead = roots.real[(np.abs(roots.imag) < 1e-12 * (1 + np.abs(roots.real))) & (roots.real > 0)]
+        step = ahead.min() if len(ahead) else np.inf
+        if step <= 4 * EPS * max(t, 1.0):
+            return t
+        t += step
+    return np.inf
+
+
+@dataclass(frozen=True)
+class DryOscillator:
+    """A mass on a spring that rubs on a surface of constant speed; symbols as in the module's equation.
+
+    `load` is F0 + P sin(Omega t + phi); of the `normal` force R of the guide `slider_contact.py` with M = 0 makes N
+    (|R| unless mu b > a).
+    """
+
+    mass: float
+    stiffness: float
+    anchor: float
+    load: Sine
+    speed: float
+    normal: float
+    contact: Contact
+    x: float
+    v: float
+
+    @property
+    def w(self) -> float:
+        """Natural frequency wn, rad/s."""
+        return float(np.sqrt(self.stiffness / self.mass))
+
+    def capacity(self, coefficient: float) -> float:
+        """coefficient * N with friction fully mobilized at that coefficient, N."""
+        return self.contact.capacity(self.normal, 0.0, coefficient)
+
+    def forcing(self, t, derivative: int = 0):
+        """The load or a derivative of it."""
+        f = self.load
+        return (f.offset if derivative == 0 else 0.0) + f.amplitude * f.frequency ** derivative * np.sin(
+            f.frequency * t + f.phase + derivative * np.pi / 2)
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Slip along `slip` = sgn(x' - u), or stick (0), from (start, x, v) to end."""
+
+    oscillator: DryOscillator
+    slip: int
+    start: float
+    x: float
+    v: float
+    end: float = np.inf
+
+    def _slip_solution(self) -> tuple[float, float, float, float]:
+        """Centre, amplitude of the forced part, and cosine and sine amplitude of the free part."""
+        o, f = self.oscillator, self.oscillator.load
+        centre = o.anchor + (f.offset - self.slip * o.capacity(o.contact.mu)) / o.stiffness
+        forced = f.amplitude / (o.stiffness - o.mass * f.frequency ** 2) if f.amplitude else 0.0
+        angle = f.frequency * self.start + f.phase
+        return (centre, forced, self.x - centre - forced * np.sin(angle),
+                (self.v - forced * f.frequency * np.cos(angle)) / o.w)
+
+    def derivative(self, t, order: int):
+        """x (order 0), its velocity, acceleration, ... at times t."""
+        o, f = self.oscillator, self.oscillator.load
+        if self.slip == 0:
+            return [self.x + o.speed * (t - self.start), o.speed + 0.0 * t, 0.0 * t][order]
+        centre, forced, cosine, sine = self._slip_solution()
+        turn = order * np.pi / 2
+        angle = o.w * (t - self.start) + turn
+        return ((centre if order == 0 else 0.0)
+                + forced * f.frequency ** order * np.sin(f.frequency * t + f.phase + turn)
+                + o.w ** order * (cosine * np.cos(angle) + sine * np.sin(angle)))
+
+    def friction(self, t):
+        """Force on the mass: given by Coulomb's law in slip, by equilibrium in stick."""
+        o = self.oscillator
+        if self.slip:
+            return -self.slip * o.capacity(o.contact.mu) + 0.0 * t
+        return o.stiffness * (self.derivative(t, 0) - o.anchor) - o.forcing(t)
+
+    def close(self, t_end: float) -> Phase:
+        """Return the phase with its end: relative velocity zero in slip, static friction exhausted in stick."""
+        o = self.oscillator
+        if self.slip:
+            _, forced, cosine, sine = self._slip_solution()
+            bound = abs(forced) * o.load.frequency ** 4 + o.w ** 4 * np.hypot(cosine, sine)
+            start = self.start + (_STARTING / o.w if self.v == o.speed else 0.0)
+            end = first_zero(lambda t: (self.slip * (self.derivative(t, 1) - o.speed),
+                                        self.slip * self.derivative(t, 2), self.slip * self.derivative(t, 3)),
+                             bound, start, t_end)
+        else:
+            bound = abs(o.load.amplitude) * o.load.frequency ** 3
+            limit = o.capacity(o.contact.mus)
+            end = min(first_zero(lambda t: (limit + s * self.friction(t),
+                                            s * (o.stiffness * o.speed - o.forcing(t, 1)), -s * o.forcing(t, 2)),
+                                 bound, self.start, t_end) for s in (1, -1))
+        return replace(self, end=end)
+
+    def next(self) -> Phase:
+        """Return the phase that follows at the end of this one."""
+        o = self.oscillator
+        x = float(self.derivative(self.end, 0))
+        needed = float(replace(self, slip=0, start=self.end, x=x).friction(self.end))
+        sticks = self.slip != 0 and abs(needed) < o.capacity(o.contact.mus)
+        if not sticks:
+            o.contact.require_unique_slip(self.end)
+        return Phase(o, 0 if sticks else -int(np.sign(needed)), self.end, x, o.speed)
+
+    def sample(self, t: np.ndarray) -> list[np.ndarray]:
+        """x, v, a, friction and direction of slip at times t."""
+        return [*(self.derivative(t, order) for order in range(3)), self.friction(t), np.full(len(t), self.slip)]
+
+
+def phases(o: DryOscillator, t_end: float) -> list[Phase]:
+    """Return the motion of an oscillator from its start to t_end."""
+    first = Phase(o, int(np.sign(o.v - o.speed)), 0.0, o.x, o.v)
+    if first.slip == 0:
+        first = replace(first, slip=1, end=0.0).next()
+    found = [first.close(t_end)]
+    while found[-1].end < t_end:
+        found.append(found[-1].next().close(t_end))
+    return found
+
+
+def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
+    """Return the motion of a mass on a spring with dry friction, on a fixed guide or on a belt, off resonance."""
+    t_end = scene.t_end if t_end is None else t_end
+    structure = ON_BELT if len(scene.bodies) == 2 else ON_GROUND
+    found = structure.match(scene)
+    o = _oscillator(scene, structure, found)
+    motion = phases(o, t_end)
+    ends = [phase.end for phase in motion[:-1]]
+    mass, guide, belt = found.bodies["mass"], found.name("guide"), found.bodies.get("belt")
+    belt_x = scene.bodies[belt].position[0] if belt else 0.0
+    origin = found["guide"].point[0] + belt_x
+
+    def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        owner, sampled = np.searchsorted(ends, t, side="right" if side == "after" else "left"), np.empty((5, len(t)))
+        for i in np.unique(owner):
+            sampled[:, owner == i] = motion[i].sample(t[owner == i])
+        x, v, a, friction, mode = sampled
+        phi = o.contact.mobilization(o.normal, 0.0, friction)
+        values = {f"{mass}.x": x, f"{mass}.vx": v, f"{mass}.ax": a}
+        values |= o.contact.columns(guide, np.full(len(t), o.normal), np.zeros(len(t)), phi, mode,
+                                    displacement=x - origin - o.speed * t, slip_velocity=v - o.speed)
+        if belt:
+            values |= {f"{belt}.x": belt_x + o.speed * t, f"{belt}.vx": np.full(len(t), o.speed),
+                       f"{found.name('drive')}.effort": friction}
+        return values
+
+    switches = [(after.start, "stick" if after.slip == 0 else "slip" if before.slip == 0 else "reversal", guide)
+                for before, after in zip(motion, motion[1:])]
+    return Truth.of_formulas(scene, t_end, columns, 8 * EPS * len(motion), 2000, switches)
+
+
+def _oscillator(scene: Scene, structure: Structure, found: Match) -> DryOscillator:
+    """The parameters of a scene."""
+    body, spring = scene.bodies[found.bodies["mass"]], found["spring"]
+    if spring.axis is None and spring.points[1][1] != body.position[1]:
+        raise structure.misfit(scene, f"{found.name('spring')}: expected both of its ends at the same height")
+    load = found["force"].law if found["force"] else None
+    if not isinstance(load, Sine):
+        load = Sine(type="sine", offset=load.value if load else 0.0, amplitude=0.0, frequency=0.0)
+    if load.amplitude and abs(spring.stiffness - body.mass * load.frequency ** 2) <= 1e-6 * spring.stiffness:
+        raise structure.misfit(scene, f"{found.name('force')}: found resonance; expected Omega != wn")
+    gx, gy = scene.gravity or (0.0, 0.0)
+    return DryOscillator(body.mass, spring.stiffness, spring.points[1][0] + spring.rest_length,
+                         load.model_copy(update={"offset": load.offset + body.mass * gx}),
+                         found["drive"].law.rate if structure is ON_BELT else 0.0, -body.mass * gy,
+                         Contact.of(found["guide"]), body.position[0], body.velocity[0])

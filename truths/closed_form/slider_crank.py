@@ -1,0 +1,104 @@
+"""Frictionless slider-crank at constant speed: kinematics and inverse dynamics in closed form.
+
+The crank (radius r, pivot at p) has the angle th = th0 + w t, the rod (length l) the angle phi, the guide is the line
+y = h along x:
+
+    l sin phi = h - p_y - r sin th ,  phi_th = dphi/dth = -r cos th / (l cos phi) ,  phi' = w phi_th ,
+    phi'' = (r w^2 sin th + l phi'^2 sin phi) / (l cos phi) .
+
+Every centre of mass lies at p + sum of lengths times unit vectors e(th), e(phi); its derivative by th is its partial
+velocity u, and the power of all inertia and weight forces per unit of th' is the motor's torque:
+
+    tau = sum over bodies of m (a - g).u + I alpha dangle/dth .
+
+Reactions: the slider needs m_s (a - g) along x from the rod, the rod's moments about the crank pin give the force
+across.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Linear
+from stiction.scenes.model import Drive, Revolute, Translational
+from stiction.truths.structure import CENTRE, FORWARD, Condition, Match, Part, Structure
+from stiction.truths.truth import EPS, Truth, body_columns
+
+SLIDER_CRANK = Structure("a slider-crank at constant speed", ("crank", "rod", "slider"), {
+    "pivot": Part(Revolute, "crank", GROUND, any_order=True),
+    "crank pin": Part(Revolute, "rod", "crank", any_order=True),
+    "slider pin": Part(Revolute, "rod", "slider", any_order=True),
+    "guide": Part(Translational, "slider", GROUND, direction=FORWARD, slider_point=CENTRE, angle=0,
+                  mu=Condition("none or 0", lambda mu: not mu)),
+    "motor": Part(Drive, "crank", GROUND, type="angle", law=Linear)})
+
+
+def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
+    """Return motion, motor torque and reactions of `crank`, `rod`, `slider`, whose pins lie on the bars' x axes."""
+    t_end = scene.t_end if t_end is None else t_end
+    found = SLIDER_CRANK.match(scene)
+    p, r1, r, l1, l = _lengths(scene, found)
+    h, th0, w = found["guide"].point[1], found["motor"].law.offset, found["motor"].law.rate
+    elbow = 1.0 if np.cos(scene.bodies["rod"].angle) > 0 else -1.0
+    motor, guide, pin = found.name("motor"), found.name("guide"), found.name("slider pin")
+    pin_sign = 1 if found["slider pin"].bodies[0] == "rod" else -1
+    gravity = np.array(scene.gravity or (0.0, 0.0))[:, None]
+    arms = {"crank": (r1, 0.0), "rod": (r, l1), "slider": (r, l)}
+
+    def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        th = th0 + w * t
+        sin_phi = (h - p[1] - r * np.sin(th)) / l
+        cos_phi = elbow * np.sqrt(1 - sin_phi ** 2)
+        phi = np.arctan2(sin_phi, cos_phi)
+        phi_th = -r * np.cos(th) / (l * cos_phi)
+        omega = w * phi_th
+        alpha = (r * w * w * np.sin(th) + l * omega ** 2 * sin_phi) / (l * cos_phi)
+        zero = np.zeros_like(t)
+        angles = {"crank": (th, zero + w, zero, 1.0), "rod": (phi, omega, alpha, phi_th),
+                  "slider": (zero, zero, zero, 0.0)}
+        values: dict[str, np.ndarray] = {}
+        torque, inertia_force = zero.copy(), {}
+        for name, (on_crank, on_rod) in arms.items():
+            body, (angle, rate, acceleration, by_th) = scene.bodies[name], angles[name]
+            position = p[:, None] + on_crank * _unit(th) + on_rod * _unit(phi)
+            partial = on_crank * _normal(th) + on_rod * phi_th * _normal(phi)
+            a = -on_crank * w * w * _unit(th) + on_rod * (alpha * _normal(phi) - omega ** 2 * _unit(phi))
+            values |= body_columns(name, (*position, angle), (*w * partial, rate), (*a, acceleration))
+            inertia_force[name] = body.mass * (a - gravity)
+            torque += np.sum(inertia_force[name] * partial, axis=0) + body.inertia * acceleration * by_th
+        fx = -inertia_force["slider"][0]
+        moment = scene.bodies["rod"].inertia * alpha + l1 * (np.cos(phi) * inertia_force["rod"][1]
+                                                             - np.sin(phi) * inertia_force["rod"][0])
+        fy = (moment / l + np.sin(phi) * fx) / np.cos(phi)
+        return values | {f"{motor}.effort": torque, f"{guide}.normal_force": fy + inertia_force["slider"][1],
+                         f"{pin}.fx": pin_sign * fx, f"{pin}.fy": pin_sign * fy}
+
+    rounding = 20 * EPS * (1 + abs(w) * t_end)  # th carries the rounding of w t
+    return Truth.of_formulas(scene, t_end, columns, rounding, 1000)
+
+
+def _unit(angle: np.ndarray) -> np.ndarray:
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _normal(angle: np.ndarray) -> np.ndarray:
+    return np.array([-np.sin(angle), np.cos(angle)])
+
+
+def _lengths(scene: Scene, found: Match) -> tuple[np.ndarray, float, float, float, float]:
+    """Pivot, then from each bar's beginning its centre and its end: p, r1, r, l1, l; m."""
+    def point(pin: str, body: str) -> tuple[float, float]:
+        return found[pin].points[found[pin].bodies.index(body)]
+
+    ends = [point("pivot", "crank"), point("crank pin", "crank"), point("crank pin", "rod"), point("slider pin", "rod")]
+    if any(y for _, y in ends) or point("slider pin", "slider") != (0, 0):
+        raise SLIDER_CRANK.misfit(scene, f"pins: found {ends} on the bars; expected points of the bars' x axes and the "
+                                  "slider's centre")
+    crank_begin, crank_end, rod_begin, rod_end = (x for x, _ in ends)
+    r, l = crank_end - crank_begin, rod_end - rod_begin
+    p = np.array(point("pivot", GROUND))
+    if not l > abs(r) + abs(found["guide"].point[1] - p[1]):
+        raise SLIDER_CRANK.misfit(scene, f"rod of {l:g} m is too short for a crank of {r:g} m; expected a full turn")
+    return p, -crank_begin, r, -rod_begin, l

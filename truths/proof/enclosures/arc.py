@@ -1,0 +1,121 @@
+"""A smooth stretch of a motion, enclosed: Taylor polynomials of balls, the last coefficient Lagrange's remainder.
+
+On [t0, t0 + h] the solution of q'' = f(t, q, q') from every start of a set exists, is unique and stays in an a-priori
+enclosure Y as soon as X + [0, h] f([t0, t0 + h], Y) lies within Y (Picard and Lindeloef with the Banach fixed point
+theorem; R. J. Lohner, Enclosing the solutions of ordinary initial and boundary value problems, 1987). Its Taylor
+coefficient of order N at any instant of the stretch lies in the coefficient that the recurrence gives on Y, and so does
+Lagrange's remainder. The same holds of the variational equation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any
+
+from flint import arb, arb_mat, arb_poly, arb_series
+
+from stiction.truths.proof.enclosures.series import (Expansion, Timed, TooLong, Value, constants, halves, identity,
+                                                     partials, time_series)
+
+_PICARD = 30
+_WIDEN = arb(1) / 8
+
+Along = Callable[[arb_series, Sequence[Value], Sequence[Value], Sequence[Value]], Mapping[Hashable, Sequence[Value]]]
+"""Groups of functions of t, q, v and q'', by name."""
+
+
+def partials_at(function: Callable[..., Sequence[Value]], state: Sequence[arb]) -> tuple[list[arb], list[list[arb]]]:
+    """Values of functions of (q, v) in a state and their derivatives by its 2n components."""
+    values, gradients = partials(function, constants(state))
+    return [f[0] for f in values], [[g[0] for g in gradient] for gradient in gradients]
+
+
+@dataclass(frozen=True)
+class APriori:
+    """Balls with the state (q, v) and its derivatives by the start throughout a stretch."""
+
+    state: list[arb]
+    variation: arb_mat
+
+
+def a_priori(timed: Timed, t: arb, h: arb, start: Sequence[arb]) -> APriori:
+    """Enclosure over [t, t + h] by Picard's iteration; raises TooLong if none was found."""
+    step = arb(0).union(h)
+    equation = timed(time_series(t + step, 1))
+    old = list(start)
+    for _ in range(_PICARD):
+        accelerations, slopes = partials_at(equation, old)
+        rates = [*halves(old)[1], *accelerations]
+        new = [value + step * rate for value, rate in zip(start, rates)]
+        if not all(x.is_finite() for x in new):
+            break
+        if all(outer.contains(inner) for outer, inner in zip(old, new)):
+            return APriori(new, _variation(slopes, step))
+        old = [_widened(a.union(b), base) for a, b, base in zip(old, new, start)]
+    raise TooLong(f"no enclosure over {h.str(3, radius=False)} s")
+
+
+def _widened(ball: arb, base: arb) -> arb:
+    return ball + (ball.rad() - base.rad()) * _WIDEN * arb(0, 1)
+
+
+def _variation(slopes: list[list[arb]], step: arb) -> arb_mat:
+    """Enclosure of E with E' = [[0, 1], slopes] E, E(0) = 1."""
+    n, indices = len(slopes), range(2 * len(slopes))
+    E = identity(2 * n).tolist()
+    for _ in range(_PICARD):
+        rates = E[n:] + [[sum((row[k] * E[k][j] for k in indices), arb(0)) for j in indices] for row in slopes]
+        new = [[int(i == j) + step * rates[i][j] for j in indices] for i in indices]
+        if all(old.contains(fresh) for olds, news in zip(E, new) for old, fresh in zip(olds, news)):
+            return arb_mat(new)
+        E = [[_widened(old.union(fresh), arb(0)) for old, fresh in zip(olds, news)] for olds, news in zip(E, new)]
+    raise TooLong("no enclosure of the variational equation")
+
+
+def _closed(fine: Sequence[Any], wide: Sequence[Any]) -> list[Any]:
+    """Coefficients of a Taylor polynomial, the last one of those of the whole stretch: Lagrange's remainder."""
+    return [*fine[:-1], wide[-1]]
+
+
+class Arc:
+    """All solutions from a set of starts (q, v) at t over h seconds (an upper bound), with remainders of some order.
+
+    They stay in `enclosure`; `wide` is their expansion about any instant of the stretch, `fine` about its start.
+    """
+
+    def __init__(self, timed: Timed, t: arb, h: arb, start: Sequence[arb], order: int):
+        self.timed, self.t, self.h, self.order = timed, t, h, order
+        self.enclosure = a_priori(timed, t, h, start)
+        self.wide = Expansion(timed, t + arb(0).union(h), self.enclosure.state, order, self.enclosure.variation)
+        self.fine = Expansion(timed, t, start, order, identity(len(start)))
+
+    def one(self, t: arb, start: Sequence[arb]) -> Expansion:
+        """Expansion of the solution from a start within the set (t and the start are thinner balls)."""
+        return Expansion(self.timed, t, start, self.order)
+
+    def remainder(self, groups: Mapping[Hashable, Sequence[arb_poly]]) -> arb:
+        """The largest remainder of q, v and functions at the end of the stretch (upper bound)."""
+        scale, functions = self.h ** self.order, chain.from_iterable(groups.values())
+        last = [f[self.order] for f in chain(self.wide.state, functions)]
+        return max((abs(term) * scale for term in last), key=lambda ball: float(ball.upper()))
+
+    def polynomials(self, about: Expansion) -> list[arb_poly]:
+        """The state of all of the set about its start, `fine`, or of `one` solution from within it."""
+        return [arb_poly(_closed(*pair)) for pair in zip(about.state, self.wide.state)]
+
+    def jacobian(self, tau: arb) -> arb_mat:
+        """Derivatives of (q, v) at t + tau by the start."""
+        powers, indices = _closed(self.fine.variation, self.wide.variation), range(len(self.fine.state))
+        return arb_mat([[arb_poly([E[i, j] for E in powers])(tau) for j in indices] for i in indices])
+
+    def functions(self, along: Along, about: Expansion) -> dict[Hashable, list[arb_poly]]:
+        """Groups of functions over the stretch as `polynomials`."""
+        powers, groups = range(self.order + 1), []
+        for expansion in (about, self.wide):
+            q, v = halves(expansion.series(len(powers)))
+            found = along(expansion.t, q, v, expansion.equation(q, v))
+            groups.append({name: [[f[k] for k in powers] for f in group] for name, group in found.items()})
+        fine, wide = groups
+        return {name: [arb_poly(_closed(*pair)) for pair in zip(fine[name], wide[name])] for name in fine}

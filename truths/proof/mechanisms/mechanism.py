@@ -1,0 +1,93 @@
+"""Interface of a mechanism in minimal coordinates to the verified integrator."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from flint import arb, arb_series
+
+from stiction.scenes import Scene
+from stiction.truths.proof.enclosures.arc import APriori
+from stiction.truths.proof.enclosures.series import Equation, Value, constants, time_series
+
+Load = Callable[[arb_series], arb_series]
+"""A function of time alone, of power series."""
+
+
+@dataclass(frozen=True)
+class Next:
+    """The mode from an instant on, after an event of a kind: "slip", "stick", "reversal" or "corner".
+
+    By guard, `zeros` is how many of its derivatives, the value included, are zero at that instant (0 if not named).
+    Where it is `smooth` the accelerations do not jump.
+    """
+
+    mode: Any
+    zeros: Mapping[Any, int] = field(default_factory=dict)
+    kind: str = ""
+    smooth: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProvableMechanism(ABC):
+    """q'' = f(t, q, q') within each mode, and guards that are positive while the mode lasts; balls and power series.
+
+    q and v are those at t = 0; `joint` is the guide whose events are shown, where there is one. Modes and the names of
+    guards are those of the mechanism.
+    """
+
+    q: list[arb]
+    v: list[arb]
+    t_end: arb
+    joint: str = ""
+
+    @classmethod
+    @abstractmethod
+    def from_scene(cls, scene: Scene) -> ProvableMechanism:
+        """Parameters of a scene, at the working precision; raises NotThisMechanism with what does not fit."""
+
+    @abstractmethod
+    def equation(self, mode: Any, t: arb_series) -> Equation:
+        """The equation of a mode, with time as a power series."""
+
+    @abstractmethod
+    def guards(self, mode: Any, t: arb_series, q: Sequence[Value], v: Sequence[Value],
+               a: Sequence[Value]) -> dict[Any, list[Value]]:
+        """Groups of functions by name: the mode lasts while the largest of each group is positive."""
+
+    def guards_at(self, mode: Any, t: arb, q: Sequence[arb], v: Sequence[arb]) -> dict[Any, list[arb]]:
+        """Values of the guards in a state."""
+        q, v, now = constants(q), constants(v), time_series(t, 1)
+        guards = self.guards(mode, now, q, v, self.equation(mode, now)(q, v))
+        return {name: [f[0] for f in group] for name, group in guards.items()}
+
+    @abstractmethod
+    def start(self) -> Next:
+        """The mode at t = 0; raises Undecided if it is not proven."""
+
+    @abstractmethod
+    def after(self, mode: Any, guard: Any, t: arb, q: list[arb], v: list[arb]) -> Next:
+        """The mode after a guard has reached zero; raises as `start`."""
+
+    @abstractmethod
+    def require_unique(self, mode: Any, t: arb, bound: APriori) -> None:
+        """Prove that over a stretch of time the motion of the mode is the only one; raises Undecided if that fails."""
+
+    def held(self, mode: Any) -> Mapping[int, arb]:
+        """Velocities that a mode prescribes, by coordinate."""
+        return {}
+
+    def event_joint(self, before: Any, after: Any) -> str:
+        """The guide at which an event happens."""
+        return self.joint
+
+    @abstractmethod
+    def columns(self, t: Value, q: Sequence[Value], v: Sequence[Value]) -> dict[str, Value]:
+        """The state by the names of a Trajectory; balls, or power series in time."""
+
+    def bodies(self, t: Value, q: Sequence[Value], v: Sequence[Value]) -> dict[str, Value]:
+        """`columns` with the positions and velocities of all bodies that move."""
+        return self.columns(t, q, v)

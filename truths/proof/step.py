@@ -1,0 +1,272 @@
+"""One step of a motion, enclosed with its changes of mode.
+
+A step takes the set of states at one instant to a set at another, both instants exact numbers. The set is a
+parallelepiped c + Q r (Lohner 1987). Its image under the map G of the step, events within it included, is in mean value
+form
+
+    G(c) + DG (Q r) ,      DG = ... Phi2 S Phi1 ,     S = 1 + (f2 - f1) (grad g)^T / (dg/dt)
+
+with Phi the derivatives of the smooth stretches and S the jump of the derivative at a crossing of the guard g, from the
+field f1 to f2 (M. A. Aizerman & F. R. Gantmakher, Q. J. Mech. Appl. Math. 11, 1958). G is differentiable on the set
+because every crossing is proven to be one, with a slope, for every state of the set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import partial
+from math import isinf
+from typing import Any
+
+import numpy as np
+from flint import arb, arb_mat, arb_poly
+
+from stiction.truths.proof.enclosures.arc import Arc, partials_at
+from stiction.truths.proof.enclosures.series import TooLong, halves, identity, time_series, working
+from stiction.truths.proof.enclosures.zeros import Undecided, Zero, first_zero, newton
+from stiction.truths.proof.mechanisms.mechanism import Next, ProvableMechanism
+
+_GRID = 2 ** 20
+"""Steps end at multiples of 1/_GRID s."""
+SHORTEST = 1e-5
+"""Shortest step, s."""
+_MOST_EVENTS = 60
+
+
+@dataclass(frozen=True)
+class StateSet:
+    """States (q, v) at an instant: centre + frame size, with 2n exact numbers, 2n x 2n exact ones and 2n balls."""
+
+    centre: tuple[arb, ...]
+    frame: arb_mat
+    size: tuple[arb, ...]
+
+    @classmethod
+    def box(cls, state: Sequence[arb]) -> StateSet:
+        """The set of all states in 2n balls."""
+        return cls(tuple(x.mid() for x in state), identity(len(state)), tuple(x - x.mid() for x in state))
+
+    def hull(self) -> list[arb]:
+        """Balls that contain the set."""
+        spread = self.frame * column(self.size)
+        return [c + spread[i, 0] for i, c in enumerate(self.centre)]
+
+    def contains(self, state: Sequence[arb]) -> bool:
+        """Return whether a state is proven to be in the set."""
+        return self._holds(self.frame.inv() * column(x - c for x, c in zip(state, self.centre)))
+
+    def image(self, point: list[arb], derivative: arb_mat, margin: float = 0.0) -> StateSet:
+        """The image under a map, from that of the centre and the derivatives, in a frame along its longest sides.
+
+        It is wider by a thousandth and by a margin: to be proven again otherwise.
+        """
+        spread = derivative * self.frame
+        middle = middles(spread)
+        length = np.array([float(abs(r).upper()) for r in self.size])
+        scaled = middle * (length / max(length.max(), 1e-300))
+        order = np.argsort(-np.linalg.norm(scaled, axis=0), kind="stable")
+        frame, centre = arb_mat(np.linalg.qr(middle[:, order])[0].tolist()), tuple(x.mid() for x in point)
+        size = self._image_in(frame, centre, point, derivative)
+        return StateSet(centre, frame, tuple(_wider(size[i, 0], margin) for i in range(len(centre))))
+
+    def image_lies_in(self, other: StateSet, point: list[arb], derivative: arb_mat) -> bool:
+        """Return whether the image under a map, as of `image`, is proven to be within a set."""
+        return other._holds(self._image_in(other.frame, other.centre, point, derivative))
+
+    def _image_in(self, frame: arb_mat, centre: Sequence[arb], point: list[arb], derivative: arb_mat) -> arb_mat:
+        """The size of the image in the coordinates of a set."""
+        inverse = frame.inv()
+        return (inverse * (derivative * self.frame) * column(self.size)
+                + inverse * column(x - c for x, c in zip(point, centre)))
+
+    def _holds(self, inside: arb_mat) -> bool:
+        return all(size.contains(inside[i, 0]) for i, size in enumerate(self.size))
+
+
+def column(values: Iterable[arb]) -> arb_mat:
+    """A matrix of one column."""
+    return arb_mat([[x] for x in values])
+
+
+def middles(matrix: arb_mat) -> np.ndarray:
+    """The centres of a matrix of balls, in floats."""
+    return np.array([[float(x.mid()) for x in row] for row in matrix.tolist()])
+
+
+@dataclass(frozen=True)
+class ProvenEvent:
+    """A change of mode at a guide: its time in a ball, the mode after it, state in balls."""
+
+    time: arb
+    kind: str
+    joint: str
+    after: Any
+    q: list[arb]
+    v: list[arb]
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A stretch within a step in one mode, from t on for `end` seconds.
+
+    Polynomials in the time since t enclose the 2n components of the `state` and the columns of all `bodies`.
+    """
+
+    t: arb
+    end: arb
+    mode: Any
+    state: list[arb_poly]
+    bodies: dict[str, arb_poly]
+
+
+def _wider(ball: arb, by: float) -> arb:
+    return ball + (ball.rad() / 1000 + by) * arb(0, 1)
+
+
+@dataclass(frozen=True)
+class Precision:
+    """Bits of the balls, order of the remainder, largest remainder of a step."""
+
+    bits: int
+    order: int
+    remainder: float
+
+    @property
+    def margin(self) -> float:
+        """Width that is added to what was found, to claim it."""
+        return 0.0 if isinf(self.remainder) else 10 * self.remainder
+
+    def working(self) -> AbstractContextManager[None]:
+        """Work with these bits, and series with one coefficient more than the order."""
+        return working(self.bits, self.order + 1)
+
+    @classmethod
+    def of(cls, digits: int) -> Precision:
+        """The precision at which enclosures of a width of 10^-digits are to be expected."""
+        return cls(int(3.33 * (digits + 12)) + 64, max(14, digits + 8), 10.0 ** -(digits + 8))
+
+
+class Step:
+    """A motion from a set `start` at t0 to its image at t1, both exact (t1 at the end of the motion a ball).
+
+    `point` is the image of the set's centre, `derivative` the image's by the start, on the set; `remainder` is the
+    largest of its legs. While the step is in progress these are at `t`, the centre's at `point_t`: all solutions from
+    the set are in `state`, in the mode `current`.
+    """
+
+    def __init__(self, mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Next):
+        self.mechanism, self.start, self.current = mechanism, start, first
+        self.t0 = self.t1 = self.t = self.point_t = t0
+        self.state, self.point = start.hull(), list(start.centre)
+        self.derivative = identity(len(self.state))
+        self.events: list[ProvenEvent] = []
+        self.legs: list[Leg] = []
+        self.remainder = 0.0
+        self._hold()
+
+    def _hold(self) -> None:
+        """Set the velocities that the mode prescribes; they do not depend on the start."""
+        n, rows = len(self.state) // 2, self.derivative.tolist()
+        for i, speed in self.mechanism.held(self.current.mode).items():
+            self.state[n + i] = self.point[n + i] = speed
+            rows[n + i] = [arb(0)] * (2 * n)
+        self.derivative = arb_mat(rows)
+
+    def advance(self, end: arb, precision: Precision, shorter: bool) -> bool:
+        """Go on to the next change of mode or to `end`, or less far if `shorter`; return whether that is reached."""
+        mechanism, mode, t = self.mechanism, self.current.mode, self.t
+        arc, reach = self._arc(end, precision.order, shorter)
+        mechanism.require_unique(mode, t + arb(0).union(arc.h), arc.enclosure)
+        guards = partial(mechanism.guards, mode)
+        groups = arc.functions(guards, arc.fine)
+        remainder = arc.remainder(groups)
+        if not remainder < precision.remainder:
+            raise TooLong(f"remainder {remainder.str(3)}")
+        self.remainder = max(self.remainder, float(remainder.upper()))
+        zero = first_zero(groups, t, arc.h, self.current.zeros)
+        one = arc.one(self.point_t, self.point)
+        if zero is None:
+            tau, point_tau = reach - t, reach - self.point_t
+        else:
+            tau = zero.tau
+            point_tau = newton(arc.functions(guards, one)[zero.group][zero.function], tau)
+        columns = arc.functions(lambda *at: {name: [f] for name, f in mechanism.bodies(*at[:3]).items()}, arc.fine)
+        state = arc.polynomials(arc.fine)
+        self.legs.append(Leg(t, tau, mode, state, {str(name): column for name, [column] in columns.items()}))
+        self.t, self.point_t = t + tau, self.point_t + point_tau
+        self.state = [f(tau) for f in state]
+        self.point = [f(point_tau) for f in arc.polynomials(one)]
+        self.derivative = arc.jacobian(tau) * self.derivative
+        self._hold()
+        if zero is None:
+            self.current, self.t1 = Next(mode), end
+            return not reach < end
+        self._change(zero, groups[zero.group][zero.function].derivative()(tau), precision.margin)
+        return False
+
+    def _arc(self, end: arb, order: int, shorter: bool) -> tuple[Arc, arb]:
+        """Enclose an arc to `end`; if it may be shorter, half as far until it has an enclosure, and where it ends."""
+        equation = partial(self.mechanism.equation, self.current.mode)
+        while True:
+            length = (end - self.t).upper()
+            try:
+                return Arc(equation, self.t, length, self.state, order), end
+            except TooLong:
+                if not shorter or length < SHORTEST:
+                    raise
+            end = (self.t + length / 2).mid()
+
+    def _change(self, zero: Zero, slope: arb, margin: float) -> None:
+        """Change the mode where a guard is zero, with slope = dg/dt along the motion before."""
+        if len(self.events) == _MOST_EVENTS:
+            raise Undecided(f"more than {_MOST_EVENTS} changes of mode within a step", self.t)
+        mode = self.current.mode
+        self.current = self.mechanism.after(mode, zero.group, self.t, *halves(self.state))
+        if not self.current.smooth:
+            self.derivative = self._jump(mode, zero, slope) * self.derivative
+        self._hold()
+        joint = self.mechanism.event_joint(mode, self.current.mode)
+        self.events.append(ProvenEvent(_wider(self.t, margin), self.current.kind, joint, self.current.mode,
+                                       *halves(self.state)))
+
+    def _jump(self, mode: Any, zero: Zero, slope: arb) -> arb_mat:
+        """S at the change from a mode to the current one."""
+        t = time_series(self.t, 1)
+        before, after = (self.mechanism.equation(each, t) for each in (mode, self.current.mode))
+
+        def guard(q, v):
+            return [self.mechanism.guards(mode, t, q, v, before(q, v))[zero.group][zero.function]]
+
+        _, (gradient,) = partials_at(guard, self.state)
+        rows, n = identity(len(self.state)).tolist(), len(self.state) // 2
+        pairs = zip(*(partials_at(equation, self.state)[0] for equation in (before, after)))
+        for i, (a_before, a_after) in enumerate(pairs):
+            jump = (a_after - a_before) / slope
+            rows[n + i] = [x + jump * g for x, g in zip(rows[n + i], gradient)]
+        return arb_mat(rows)
+
+
+def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Next, h: float, precision: Precision,
+              t1: arb | None = None) -> Step:
+    """Enclose a step of about h seconds after its last event, to the end of the motion at most; to t1 where given.
+
+    A step to t1 that was found as stretches about its events may be too long for an enclosure: it is taken in parts.
+
+    Raises TooLong where it gets no enclosure, Undecided where something is not proven.
+    """
+    step = Step(mechanism, t0, start, first)
+    end = _grid(t0, h, mechanism.t_end) if t1 is None else t1
+    while not step.advance(end, precision, shorter=t1 is not None):
+        if t1 is None:
+            end = _grid(step.t, h, mechanism.t_end)
+        elif not step.t < end:
+            raise Undecided("a change of mode at the end of a step", step.t)
+    return step
+
+
+def _grid(t: arb, h: float, t_end: arb) -> arb:
+    """An instant about h seconds after t; the end of the motion rather than an instant just before it."""
+    end = arb(int((float(t.mid()) + h) * _GRID) + 1) / _GRID
+    return end if end + h / 8 < t_end else t_end

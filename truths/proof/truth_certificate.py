@@ -1,0 +1,204 @@
+"""Certificates of truths: proven motions as polynomials in floats, with proven bounds.
+
+A file claims, of the scene that it holds: *at every time t from 0 to ``t_end``, each column, evaluated in floats by
+Horner's rule from the coefficients of the leg in which t lies, is off the exact motion by no more than its error; the
+events are the listed ones, each within ``event time`` of its time.* The check proves the motion anew with more digits,
+thus other steps, and compares the polynomials. `stiction.truths.proof.truth` reads the files without this module.
+
+    python -m stiction.truths.proof.truth_certificate
+
+makes those of all scenes of the catalogue whose motion is proven, some minutes; with names of scenes, those of these
+scenes.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
+from itertools import product, takewhile
+from math import ceil, log10
+
+from flint import arb, arb_poly
+
+from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml
+from stiction.truths.physics import physics_of, rubbing_guides
+from stiction.truths.proof.certificate import Claims, Failure, Format, NotACertificate, claimed_scene, write_certificate
+from stiction.truths.proof.enclosures import NotProven
+from stiction.truths.proof.enclosures.series import working
+from stiction.truths.proof.motion import MECHANISMS, ProvenMotion, provable, prove_scene
+from stiction.truths.proof.step import ProvenEvent
+from stiction.truths.proof.truth import DATA, SUFFIX, certificates, motion_digest
+from stiction.truths.truth import NotThisMechanism
+
+DIGITS = 14
+_MORE_DIGITS = 4
+_ROUNDING = 2.0 ** -53
+_RATES = {"x": "vx", "y": "vy", "angle": "omega", "displacement": "slip_velocity"}
+"""Rates of columns of an element."""
+_KEPT = 2.0 ** -55
+"""Largest part of a column's size that is left out of each of its terms; of its derivative on legs of less than 1 s."""
+_SLACK = 1.25
+"""Ratio of the claimed errors to those found: another proof, with other steps, finds others."""
+_AT_ONCE = 1e-12
+"""s; corners of one guide that are closer are one event for all but a proof."""
+
+
+def truth_certificate(scene: Scene) -> Claims:
+    """Return the claims about a scene's motion; raises as `prove_scene`."""
+    motion, text = prove_scene(scene, DIGITS), scene_to_toml(scene)
+    with motion.precision.working():
+        starts = [float(leg.t.mid()) for leg in motion.legs]
+        # without those between events that are at the same time in floats
+        legs = [leg for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end]) if start < end]
+        columns = legs[0].bodies
+        parts = ((name, *name.rpartition(".")) for name in columns)
+        rates = {f"{element}.{_RATES.get(part)}": name for name, element, _, part in parts}
+        derivatives = {rate: name for rate, name in rates.items() if rate in columns}
+        claims = {"format": FORMAT.name, "scene": scene.name, "digest": motion_digest(text), "file": text,
+                  "digits": DIGITS, "t_end": scene.t_end, "starts": [float(leg.t.mid()) for leg in legs],
+                  "derivatives": derivatives,
+                  "coefficients": {name: [_floats(leg.bodies[name], _upper(leg.end)) for leg in legs]
+                                   for name in columns if name not in derivatives}}
+        claims["errors"] = {name: error * _SLACK for name, error in _errors(claims, motion).items()}
+        events = _events(motion, scene)
+        claims["events"] = [[event.kind, event.joint, float(event.time.mid())] for event in events]
+        width = max((_upper(event.time.rad()) for event in events), default=0.0)
+        claims["event time"] = width * _SLACK + _ROUNDING * scene.t_end
+        return claims
+
+
+def _failures(claims: Claims) -> Iterator[Failure]:
+    scene = claimed_scene(claims)
+    claimed, digest = (claims["digest"], claims["t_end"]), motion_digest(claims["file"])
+    if claimed != (digest, scene.t_end):
+        yield Failure(-1, f"digest and t_end: found {claimed}; the scene has {(digest, scene.t_end)}")
+        return
+    try:
+        motion = prove_scene(scene, int(claims["digits"]) + _MORE_DIGITS)
+    except (NotProven, NotThisMechanism) as error:
+        yield Failure(-1, str(error))
+        return
+    with motion.precision.working():
+        for name, bound in _errors(claims, motion).items():
+            if not bound <= claims["errors"][name]:
+                yield Failure(-1, f"{name}: off by up to {bound:.3g}; claimed {claims['errors'][name]:.3g}")
+        found, listed, width = _events(motion, scene), claims["events"], claims["event time"]
+        if [(event.kind, event.joint) for event in found] != [(kind, joint) for kind, joint, _ in listed]:
+            yield Failure(-1, "other events")
+        elif not all(abs(event.time - near) <= width for event, (_, _, near) in zip(found, listed)):
+            yield Failure(-1, "the time of an event is not within its interval")
+
+
+def _errors(claims: Claims, motion: ProvenMotion) -> dict[str, float]:
+    """Bounds by column of the error of its evaluation in floats.
+
+    On each stretch that a leg of the file has in common with one of the motion both polynomials are taken about the
+    stretch's beginning: the size of their difference is at most that of its terms.
+    """
+    legs, starts = motion.legs, [*map(arb, claims["starts"]), motion.mechanism.t_end]
+    coefficients, derivatives = claims["coefficients"], claims["derivatives"]
+    if {*coefficients, *derivatives} != set(legs[0].bodies) or claims["starts"][0] != 0:
+        raise NotACertificate("found other columns than the mechanism has, or no start at 0")
+    first, rounding, off = 0, dict.fromkeys(legs[0].bodies, 0.0), dict.fromkeys(legs[0].bodies, 0.0)
+    for i, (start, end) in enumerate(zip(starts, starts[1:])):
+        if not start < end:
+            raise NotACertificate("found legs that do not go forward; expected increasing starts")
+        while legs[first].t + legs[first].end < start:
+            first += 1
+        polynomials = {name: arb_poly(rows[i]) for name, rows in coefficients.items()}
+        polynomials |= {name: polynomials[of].derivative() for name, of in derivatives.items()}
+        for name, polynomial in polynomials.items():
+            rounding[name] = max(rounding[name], _rounding(polynomial, _upper(end - start)))
+            for leg in takewhile(lambda leg: not leg.t > end, legs[first:]):
+                begin = leg.t if leg.t > start else start
+                reach = max(min(_upper(leg.t + leg.end), _upper(end)) - float(begin.lower()), 0.0)
+                shifted = leg.bodies[name](arb_poly([begin - leg.t, 1])) - polynomial(arb_poly([begin - start, 1]))
+                off[name] = max(off[name], _upper(sum(_terms(shifted, arb(reach)), arb(0))))
+    return {name: (rounding[name] + off[name]) * (1 + 1e-9) for name in off}
+
+
+def _terms(polynomial: arb_poly, length: arb | float) -> list[arb]:
+    """Sizes of the terms of a polynomial over some seconds."""
+    return [abs(c) * length ** k for k, c in enumerate(polynomial.coeffs())]
+
+
+def _rounding(polynomial: arb_poly, length: float) -> float:
+    """Bound of the rounding of Horner's rule over some seconds, that of the time since the leg's start included.
+
+    Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, sect. 5.1.
+    """
+    terms = _terms(polynomial, length)
+    slope_times_length = sum((k * term for k, term in enumerate(terms)), arb(0))
+    return _upper(2.02 * _ROUNDING * ((len(terms) + 1) * sum(terms, arb(0)) + slope_times_length))
+
+
+def _events(motion: ProvenMotion, scene: Scene) -> list[ProvenEvent]:
+    """The events that count; of corners of a guide within `_AT_ONCE` the last."""
+    kept: list[ProvenEvent] = []
+    counted = rubbing_guides(scene)
+    for event in motion.events:
+        if event.joint not in counted:
+            continue
+        if (kept and kept[-1].kind == event.kind == "corner" and kept[-1].joint == event.joint
+                and not event.time - kept[-1].time > _AT_ONCE):
+            kept.pop()
+        kept.append(event)
+    return kept
+
+
+def _floats(polynomial: arb_poly, length: float) -> list[float]:
+    """Coefficients with no more decimals than count."""
+    terms = [float(c.mid()) for c in polynomial.coeffs()]
+    size = sum(abs(c) * length ** k for k, c in enumerate(terms))
+    kept = []
+    for k, c in enumerate(terms):
+        share = abs(c) * length ** k / (_KEPT * min(length, 1.0) * size or 1.0)
+        kept.append(float(f"{c:.{min(max(ceil(log10(share)), 1), 17)}g}") if share > 0.5 else 0.0)
+    while len(kept) > 1 and kept[-1] == 0.0:
+        kept.pop()
+    return kept or [0.0]
+
+
+def _upper(ball: arb) -> float:
+    return float(ball.upper()) * (1 + 2 * _ROUNDING)
+
+
+FORMAT = Format("stiction truth proof 1", "column", lambda claims: len(claims["errors"]), _failures)
+
+
+def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
+    """Scenes of the catalogue whose motion can be proven, and the same with mus = mu, each once."""
+    seen = set()
+    for name, static in product(names or catalogue(), (True, False)):
+        scene = physics_of(load_scene(name), static)
+        digest = motion_digest(scene_to_toml(scene))
+        with suppress(NotThisMechanism):
+            with working(64, 2):
+                mechanism = type(provable(scene))
+            if digest not in seen and scene.t_end <= MECHANISMS[mechanism]:
+                seen.add(digest)
+                yield scene
+
+
+def main(names: Sequence[str]) -> None:
+    """Make the certificates; without names, those that are of no scene any more are removed."""
+    written = set()
+    for scene in provable_scenes(names):
+        try:
+            claims = truth_certificate(scene)
+        except NotProven as error:
+            print(f"{scene.name}: not proven: {error}")
+            continue
+        path = DATA / f"truth-{claims['scene'].rpartition('/')[2]}.{claims['digest']}{SUFFIX}"
+        write_certificate(claims, path)
+        written.add(path.name)
+        print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)
+    for file in [] if names else certificates():
+        if file.name not in written:
+            (DATA / file.name).unlink()
+            print(f"{file.name}: removed")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,109 @@
+"""Truth: an independent solution with its own uncertainty, to compare solvers with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiction.scenes import Event, InputError, Scene, StictionError
+from stiction.scenes.columns import BODY_COLUMNS
+
+PROVEN = "proven"
+CLOSED_FORM = "closed form"
+HIGH_PRECISION = "independent high-precision solution"
+PUBLISHED = "published"
+OWN_RUN = "our own run"
+NO_TRUTH = "none"
+"""Tier where nothing is known; the note says why."""
+SIDES = ("before", "after")
+EPS = np.finfo(float).eps
+SAMPLES = 2401
+"""Instants at which the truth of a stored run is known, over the whole of its time: every 10 ms of 24 s."""
+
+Columns = Callable[[np.ndarray, str], Mapping[str, np.ndarray]]
+"""``columns(t, side)`` with t of shape (n,) and side of `SIDES`: the columns by name."""
+
+
+class TruthRefused(StictionError):
+    """A truth has no answer; the message says why."""
+
+
+class NotThisMechanism(TruthRefused, InputError):
+    """A scene is not the mechanism that a truth is of, or has parameters for which its form degenerates."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A solution that owes nothing to the reference implementation, of a `scene`, for 0 <= t <= t_end (s).
+
+    `tier` is one of those above; of a proven truth the columns that no proof encloses, efforts and forces, have
+    `tier_below`. `uncertainty` is by column the largest error to be expected between events, and that of their times
+    under ``"event time"``. `events` are in order of time, with two-sided values; only those of `guides` count, all
+    where None. `jump_closed_form`, shape (events,), is the jump of the drive's effort at each event from its closed
+    form. `note` says why a better tier has no answer; it is empty where this is the best there could be.
+    """
+
+    scene: str
+    tier: str
+    t_end: float
+    columns: Columns
+    uncertainty: Mapping[str, float]
+    events: tuple[Event, ...] = ()
+    jump_closed_form: np.ndarray | None = None
+    note: str = ""
+    tier_below: str = ""
+    guides: frozenset[str] | None = None
+
+    @property
+    def effort_tier(self) -> str:
+        """Tier of the efforts of the drives."""
+        return self.tier_below or self.tier
+
+    @classmethod
+    def unknown(cls, scene: str, t_end: float, note: str) -> Truth:
+        """Return a truth without columns and events, where no tier has an answer."""
+        return cls(scene, NO_TRUTH, t_end, lambda t, side: {}, {}, note=note)
+
+    @classmethod
+    def of_formulas(cls, scene: Scene, t_end: float, columns: Columns, rounding: float, samples: int,
+                    switches: Sequence[tuple[float, str, str]] | None = None) -> Truth:
+        """Return the closed form of a motion as a Truth.
+
+        `rounding` is the error of a column relative to 1 and its largest size at `samples` instants. Of the times of
+        events it is relative to 1 s and `t_end`. `switches` are time, kind and guide of each event, None for a motion
+        without friction.
+        """
+        found = columns(np.linspace(0, t_end, samples), "after")
+        uncertainty = {name: rounding * float(1 + np.max(np.abs(values))) for name, values in found.items()}
+        if switches is not None:
+            uncertainty["event time"] = rounding * max(t_end, 1.0)
+        return cls(scene.name, CLOSED_FORM, t_end, columns, uncertainty, two_sided(switches or (), columns))
+
+    def __call__(self, t: np.ndarray | float, side: str = "after") -> Mapping[str, np.ndarray]:
+        """Return the columns of a Trajectory at times t; `side` says which value holds at an event itself.
+
+        Raises ValueError for a time outside of [0, t_end] or an unknown side.
+        """
+        if side not in SIDES:
+            raise ValueError(f"side: found {side!r}; expected one of {', '.join(SIDES)}")
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        rounding = 1e-12 * self.t_end
+        if not np.all((t >= -rounding) & (t <= self.t_end + rounding)):
+            raise ValueError(f"t: found {t.min():g} .. {t.max():g} s; expected times within 0 .. {self.t_end:g} s")
+        return self.columns(np.clip(t, 0.0, self.t_end), side)
+
+
+def two_sided(switches: Sequence[tuple[float, str, str]], columns: Columns) -> tuple[Event, ...]:
+    """Return events, with the columns on both sides, of the time, kind and guide of each."""
+    times = np.array([time for time, _, _ in switches])
+    sides = [columns(times, side) for side in SIDES]
+    values = [[dict(zip(side, row)) for row in np.array(list(side.values())).T.tolist()] for side in sides]
+    return tuple(Event(*switch, *both) for switch, *both in zip(switches, *values))
+
+
+def body_columns(body: str, *motion: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the columns of a body: x, y and, where it turns, the angle, of position, velocity and acceleration."""
+    return {f"{body}.{name}": values for names, column in zip(BODY_COLUMNS, motion)
+            for name, values in zip(names, column)}

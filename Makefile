@@ -31,10 +31,10 @@ bench-engines: $(SET_UP)
 	$(BIN)/python -m stiction.comparisons.measures.engine_costs
 
 # Rules of the code's form, types and imports, in pyproject.toml; half a minute, a few seconds after the first time.
-# `ruff check --fix` and `isort .` mend most of what they find.
+# `ruff format .` and `ruff check --fix .` mend most of what they find.
 lint: $(SET_UP)
+	$(BIN)/python -m ruff format --check .
 	$(BIN)/python -m ruff check .
-	$(BIN)/python -m isort --check-only --quiet .
 	PATH="$(CURDIR)/$(BIN):$$PATH" .ci/types
 
 # On all cores, each worker with the kernels loaded, 0.6 GB. Bytecode is kept whatever the environment says: some hundred processes read it.
